@@ -20,7 +20,7 @@ namespace {
 constexpr int k_parts_per_spacing = 4;  // points of the first pass per distance of two snapshots
 constexpr Eigen::Index k_max_samples = 1024;
 constexpr Eigen::Index k_max_mapped_axes = 4;  // of the map of the predicted field
-constexpr double k_least_share = 0.1;  // of δ²: variance of the posterior along an axis that is mapped
+constexpr double k_min_share = 0.1;  // of δ²: variance of the posterior along an axis that is mapped
 constexpr unsigned k_seed = 1;
 
 void check(const CrackMetaModel& meta_model, const LinearPrediction& prediction, double imposed_displacement,
@@ -157,7 +157,7 @@ ScalarForecast CrackBridge::published_by_map(const Eigen::Ref<const reduction::R
   const Eigen::Index k = spread.eigenvalues().size();
   Eigen::Index mapped = 0;  // axes along which the posterior is wider than a part of δ
   while (mapped < std::min(k, k_max_mapped_axes) &&
-         spread.eigenvalues()[k - 1 - mapped] > k_least_share * noise)
+         spread.eigenvalues()[k - 1 - mapped] > k_min_share * noise)
     ++mapped;
   if (mapped == 0) return published(moments, discrepancy_std);
 

@@ -84,6 +84,12 @@ Moments brute_force(const std::vector<double>& lengths, const Eigen::MatrixXd& s
   return result;
 }
 
+/// At any snapshot and dof.
+double largest_error(const CrackMetaModel& meta, std::span<const double> lengths,
+                     const Eigen::MatrixXd& solutions) {
+  return (meta.coordinates(lengths).transpose() * meta.space().transpose() - solutions).cwiseAbs().maxCoeff();
+}
+
 TEST(CrackMetaModel, ReproducesSnapshotsAndCubicsBetweenThem) {
   // Cubic in l with random coefficients per dof: four modes, and a not-a-knot spline is exact between nodes.
   const auto lengths = millimetres();
@@ -97,7 +103,7 @@ TEST(CrackMetaModel, ReproducesSnapshotsAndCubicsBetweenThem) {
   const CrackMetaModel meta(lengths, solutions, 1e-10);
   EXPECT_EQ(meta.modes(), 4);
   EXPECT_EQ(meta.singular_values().size(), 30);
-  EXPECT_LT(meta.max_error(), 1e-12);
+  EXPECT_LT(largest_error(meta, lengths, solutions), 1e-12);
   for (double l : {0.0, 0.00031, 0.0404, 0.07875, 0.079}) {
     const Eigen::VectorXd u = meta.space() * meta.coordinates({&l, 1});
     EXPECT_LT((u - (powers(l) * a).transpose()).cwiseAbs().maxCoeff(), 1e-11);
@@ -140,7 +146,7 @@ TEST(CrackMetaModel, ToleranceDecidesTheModes) {
   };
   EXPECT_LE(left_out(fine), 1e-6);
   EXPECT_LE(left_out(coarse), 1e-2);
-  EXPECT_LT(fine.max_error(), 1e-4);
+  EXPECT_LT(largest_error(fine, lengths, solutions), 1e-4);
 }
 
 TEST(CrackMetaModel, SaysWhatIsWrongWithItsInput) {

@@ -54,7 +54,6 @@ CrackMetaModel::CrackMetaModel(std::span<const double> lengths,
   singular_values_ = svd.values;
   const Eigen::Index modes = modes_for(singular_values_, relative_tolerance);
   space_ = svd.right.leftCols(modes) * singular_values_.head(modes).asDiagonal();
-  max_error_ = (svd.left.leftCols(modes) * space_.transpose() - solutions).cwiseAbs().maxCoeff();
   coefficients_ = (basis_.coefficients_from_values() * svd.left.leftCols(modes)).transpose();
 }
 

@@ -29,8 +29,6 @@ class CrackMetaModel {
   [[nodiscard]] const Eigen::MatrixXd& coefficients() const { return coefficients_; }
   /// All singular values, the neglected ones too.
   [[nodiscard]] const Eigen::VectorXd& singular_values() const { return singular_values_; }
-  /// Largest error at any snapshot and dof [m per m of imposed displacement].
-  [[nodiscard]] double max_error() const { return max_error_; }
 
   /// v(l), one column per length: N_SVD × number of lengths. Lengths outside the range are moved to its ends.
   [[nodiscard]] Eigen::MatrixXd coordinates(std::span<const double> lengths) const;
@@ -41,7 +39,6 @@ class CrackMetaModel {
   std::vector<double> lengths_;
   Eigen::MatrixXd space_;
   Eigen::VectorXd singular_values_;
-  double max_error_ = 0.0;
   numerics::CubicSplineBasis basis_;
   Eigen::MatrixXd coefficients_;
 };

@@ -18,7 +18,7 @@ using reduction::ObservedModel;
 using reduction::SeparatedModel;
 using Quantity = ForecastSpecification::Quantity;
 
-constexpr double k_least_discrepancy = 1e-12;  ///< m; where the predicted fields are those of cracks
+constexpr double k_min_discrepancy = 1e-12;  ///< m; where the predicted fields are those of cracks
 constexpr double k_same_time = 1e-9;
 
 LinearPrediction at_step(const ObservedModel& model, std::size_t step) {
@@ -73,7 +73,7 @@ double estimated_discrepancy(const CrackBridge& bridge, const reduction::RowMatr
   constexpr Eigen::Index k_draws = 64;
   const Eigen::Index n = std::min(k_draws, functions.rows());
   const reduction::RowMatrix drawn = functions(numerics::equal_draws(weights, n), Eigen::all);
-  return std::max(bridge.update(drawn, Eigen::VectorXd::Ones(n)).discrepancy_std, k_least_discrepancy);
+  return std::max(bridge.update(drawn, Eigen::VectorXd::Ones(n)).discrepancy_std, k_min_discrepancy);
 }
 
 /// The forecast of q + by.

@@ -13,6 +13,7 @@
 namespace knothe::inference {
 namespace {
 
+constexpr std::size_t k_max_stored = std::size_t{1} << 25;  ///< doubles of known answers: 256 MB
 constexpr double k_poison = std::numeric_limits<double>::quiet_NaN();
 
 std::string key_of(CallKind kind, const Eigen::Ref<const Eigen::VectorXd>& point,
@@ -77,7 +78,7 @@ bool ModelEvaluator::fits(const ModelCall& call) const {
 
 void ModelEvaluator::remember(const ModelCall& call) {
   assert(fits(call));
-  if (stored_ + static_cast<std::size_t>(call.answer.size()) > max_stored_) return;
+  if (stored_ + static_cast<std::size_t>(call.answer.size()) > k_max_stored) return;
   if (known_.emplace(key_of(call.kind, call.point, call.sensitivity), call.answer).second)
     stored_ += static_cast<std::size_t>(call.answer.size());
 }
@@ -116,7 +117,6 @@ void ModelEvaluator::ask(CallKind kind, const Eigen::Ref<const Eigen::MatrixXd>&
                          const Eigen::Ref<const Eigen::MatrixXd>& sensitivities, Eigen::MatrixXd& answers) {
   const Eigen::Index n = points.cols();
   answers.setConstant(answer_size(kind), n, k_poison);
-  if (max_stored_ == 0) return call(kind, points, sensitivities, answers);
   std::vector<Eigen::Index> missing;
   std::unordered_map<std::string, Eigen::Index> first;  // a call that is twice in this batch
   std::vector<std::pair<Eigen::Index, Eigen::Index>> twins;

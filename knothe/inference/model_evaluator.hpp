@@ -42,8 +42,6 @@ class ModelEvaluator {
   [[nodiscard]] bool has_jacobian() const { return own_.jacobian && model_->has_jacobian(); }
   [[nodiscard]] bool has_hessian() const { return own_.hessian && model_->has_hessian(); }
 
-  /// Of a model that answers at once: what it answers is not stored.
-  void store_nothing() { max_stored_ = 0; }
   /// A call made earlier, by another run: it will not be made again. Its sizes must fit.
   void remember(const ModelCall& call);
   /// Whether point, sensitivity and answer have the sizes that such a call of the model has.
@@ -92,7 +90,6 @@ class ModelEvaluator {
   double seconds_ = 0;
   std::unordered_map<std::string, Eigen::VectorXd> known_;  ///< kind, point, sensitivity, byte by byte
   std::size_t stored_ = 0;                                  ///< doubles in it
-  std::size_t max_stored_ = std::size_t{1} << 25;           ///< 256 MB
 };
 
 }  // namespace knothe::inference

@@ -37,7 +37,7 @@ TransportMap TransportMap::from_samples(std::span<const double> samples, std::si
   settings.folds = options.folds;
   settings.seed = options.seed;
   transport::SampleMap map =
-      transport::map_from_samples(rows_of(samples, dimension, "map from samples"), {}, settings);
+      transport::map_from_samples(rows_of(samples, dimension, "map from samples"), settings);
   const bool converged = map.converged;
   std::string reason = map.reason;
   return TransportMap(

@@ -55,7 +55,6 @@ void set_up_server(const Project& project, InferenceSetup& setup) {
         fmt::format("model.kind = \"density\" means one number, but {} returns {} (output sizes {})",
                     model->where(), model->output_count(), fmt::join(model->output_sizes(), ", ")));
   for (const std::string& name : setup.parameters) setup.axes.push_back({name, {}, "", "", 1});
-  setup.model_name = model->name();
   setup.model = std::move(model);
 }
 

@@ -15,7 +15,6 @@ struct InferenceSetup {
   std::vector<reduction::Axis> axes;        ///< what 1 means and in which units; of a server: 1, not known
   std::unique_ptr<inference::ForwardModel> model;
   std::optional<inference::Observations> observations;  ///< none: the model is a log posterior density
-  std::string model_name;                               ///< of a UM-Bridge server's model
 };
 
 /// Reads the model, or asks the server what it has, and checks that model, observations and parameters fit

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
-#include "knothe/numerics/integrate/halton.hpp"
+#include "knothe/numerics/integrate/sobol.hpp"
 #include "knothe/numerics/linear/selected_inverse.hpp"
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
 
@@ -256,7 +256,7 @@ Selection SensorDesign::along(const std::vector<Eigen::Index>& order) const {
 Eigen::MatrixXd prior_points(const std::vector<Prior>& priors, Eigen::Index count) {
   const auto d = static_cast<Eigen::Index>(priors.size());
   Eigen::MatrixXd z = Eigen::MatrixXd::Zero(count, d);
-  if (count > 1) z.bottomRows(count - 1) = numerics::halton_normal_points(count - 1, d, 1);
+  if (count > 1) z.bottomRows(count - 1) = numerics::sobol_normal_points(count - 1, d, 1);
   for (Eigen::Index i = 0; i < count; ++i) {
     for (Eigen::Index k = 0; k < d; ++k) z(i, k) = priors[k].from_standard_normal(z(i, k)).value;
   }

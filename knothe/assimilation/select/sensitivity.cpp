@@ -6,12 +6,11 @@
 namespace knothe::assimilation {
 namespace {
 
-reduction::FunctionBatch derivatives_at(const reduction::ObservedModel& model, const Eigen::VectorXd& p,
-                                        int derivatives) {
+reduction::FunctionBatch slopes_at(const reduction::ObservedModel& model, const Eigen::VectorXd& p) {
   const auto& functions = *model.functions;
   reduction::FunctionBatch batch;
-  batch.resize(1, functions.dimension(), functions.count(), derivatives);
-  functions.evaluate(p.transpose(), derivatives, batch);
+  batch.resize(1, functions.dimension(), functions.count(), 1);
+  functions.evaluate(p.transpose(), 1, batch);
   return batch;
 }
 
@@ -19,20 +18,10 @@ reduction::FunctionBatch derivatives_at(const reduction::ObservedModel& model, c
 
 Eigen::MatrixXd sensitivity_fields(const reduction::ObservedModel& model, const Eigen::VectorXd& p,
                                    std::size_t step) {
-  const reduction::FunctionBatch batch = derivatives_at(model, p, 1);
+  const reduction::FunctionBatch batch = slopes_at(model, p);
   Eigen::MatrixXd coefficients(model.space.cols(), p.size());
   for (Eigen::Index j = 0; j < p.size(); ++j)
     coefficients.col(j) = model.core[step] * batch.first[j].row(0).transpose();
-  return model.space * coefficients;
-}
-
-Eigen::MatrixXd cross_sensitivity_fields(const reduction::ObservedModel& model, const Eigen::VectorXd& p,
-                                         std::size_t step) {
-  const reduction::FunctionBatch batch = derivatives_at(model, p, 2);
-  const auto pairs = static_cast<Eigen::Index>(batch.second.size());
-  Eigen::MatrixXd coefficients(model.space.cols(), pairs);
-  for (Eigen::Index j = 0; j < pairs; ++j)
-    coefficients.col(j) = model.core[step] * batch.second[j].row(0).transpose();
   return model.space * coefficients;
 }
 

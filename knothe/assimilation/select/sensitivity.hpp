@@ -13,10 +13,6 @@ namespace knothe::assimilation {
 [[nodiscard]] Eigen::MatrixXd sensitivity_fields(const reduction::ObservedModel& model,
                                                  const Eigen::VectorXd& p, std::size_t step);
 
-/// Cross-sensitivities ∂²y/∂p_a∂p_b of §5.2, n × d(d+1)/2, entry (a, b), a ≥ b, in column a(a+1)/2 + b.
-[[nodiscard]] Eigen::MatrixXd cross_sensitivity_fields(const reduction::ObservedModel& model,
-                                                       const Eigen::VectorXd& p, std::size_t step);
-
 /// √(Σ_t S_j²) over all model times, n × d: what the mean time alone may miss.
 [[nodiscard]] Eigen::MatrixXd sensitivity_over_time(const reduction::ObservedModel& model,
                                                     const Eigen::VectorXd& p);

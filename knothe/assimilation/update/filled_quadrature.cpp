@@ -24,7 +24,7 @@ constexpr Index k_scan_every = 4;  ///< lines of the grid between those that are
 constexpr Index k_max_places = 1 << 26;  ///< segments that a window may have
 constexpr int k_max_growths = 60, k_max_refinements = 12;
 constexpr double k_line_change = 0.03;     ///< of `Marginals::line_change`
-constexpr double k_least_deviation = 0.8;  ///< of a marginal, in spacings
+constexpr double k_min_deviation = 0.8;  ///< of a marginal, in spacings
 
 /// Where the grid lies, and where its mass is looked for.
 struct Frame {
@@ -323,7 +323,7 @@ double line_change(const Marginals& all, Index k) {
   for (Index i = 0; i < all.mass.rows(); i += 2) even.sum += even.mass(i, 0) = all.mass(i, k);
   const auto [mean, deviation] = all.moments(k);
   const auto [even_mean, even_deviation] = even.moments(0);
-  if (deviation < k_least_deviation) return 1;
+  if (deviation < k_min_deviation) return 1;
   return std::max({std::abs(2 * even.sum / all.sum - 1), 0.2 * std::abs(even_mean - mean) / deviation,
                    0.2 * std::abs(even_deviation / deviation - 1)});
 }

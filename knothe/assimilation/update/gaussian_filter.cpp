@@ -5,7 +5,7 @@
 #include <cassert>
 #include <cmath>
 
-#include "knothe/numerics/integrate/halton.hpp"
+#include "knothe/numerics/integrate/sobol.hpp"
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
 
 namespace knothe::assimilation {
@@ -18,7 +18,7 @@ double log_det(const Eigen::LLT<Eigen::MatrixXd>& factor) {
 }  // namespace
 
 Eigen::MatrixXd standardised_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed) {
-  Eigen::MatrixXd points = numerics::halton_normal_points(n, d, seed);
+  Eigen::MatrixXd points = numerics::sobol_normal_points(n, d, seed);
   points.rowwise() -= points.colwise().mean().eval();
   const Eigen::MatrixXd covariance = points.transpose() * points / static_cast<double>(n);
   const Eigen::LLT<Eigen::MatrixXd> factor(covariance);

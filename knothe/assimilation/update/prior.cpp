@@ -126,17 +126,6 @@ Prior::Transformed Prior::from_standard_normal(double z) const {
   return {value, value * scale_ * first, value * scale_ * (scale_ * first * first + second)};
 }
 
-double Prior::to_standard_normal(double p) const {
-  if (family_ == Family::uniform) {
-    const double u = (p - lower_) / (upper_ - lower_);
-    return u < 0.5 ? normal_quantile(u) : -normal_quantile((upper_ - p) / (upper_ - lower_));
-  }
-  const double s = standardise(p);
-  if (!(below_ > 0 || above_ > 0)) return s;
-  return s < 0 ? normal_quantile((normal_cdf(s) - below_) / kept_mass_)
-               : -normal_quantile((normal_cdf(-s) - above_) / kept_mass_);
-}
-
 std::string Prior::describe() const {
   std::string text;
   switch (family_) {

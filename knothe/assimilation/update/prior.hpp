@@ -25,8 +25,6 @@ class Prior {
   [[nodiscard]] Family family() const { return family_; }
   [[nodiscard]] double lower() const { return lower_; }  ///< of the support
   [[nodiscard]] double upper() const { return upper_; }
-  /// Part of the untruncated prior's mass that the truncation keeps, in (0, 1].
-  [[nodiscard]] double kept_mass() const { return kept_mass_; }
   /// Neither truncated nor bounded by its family, and normal: then p = mean + std z exactly.
   [[nodiscard]] bool is_affine() const;
 
@@ -41,8 +39,6 @@ class Prior {
     double value, first, second;
   };
   [[nodiscard]] Transformed from_standard_normal(double z) const;
-  /// z(p) = Φ⁻¹(F(p)); p inside the support.
-  [[nodiscard]] double to_standard_normal(double p) const;
 
   /// One line: "normal(0.9, 0.447) truncated to [0.5, 1.5]".
   [[nodiscard]] std::string describe() const;

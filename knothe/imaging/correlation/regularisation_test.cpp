@@ -220,7 +220,9 @@ TEST(ReferenceUpdate, FollowsAPatternThatIsReplacedLittleByLittle) {
   }
   // Even from the right place on, the first reference has nothing in common with the last picture.
   const ImageMesh& mesh = updated.correlation().mesh();
-  fixed.set_start(nodal(mesh, shift(8)));
+  CorrelationResult right;
+  right.displacement = nodal(mesh, shift(8));
+  fixed.resume(0, right);
   EXPECT_TRUE(fixed.correlate(picture(1, 8, 8), "p8").missing);
   const Eigen::VectorXd error = last.correlation.displacement - nodal(mesh, shift(8));
   const double rms = std::sqrt(error.squaredNorm() / static_cast<double>(error.size()));

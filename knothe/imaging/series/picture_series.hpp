@@ -102,9 +102,6 @@ class PictureSeries {
   PictureResult correlate(files::Picture picture, const std::string& name);
   /// The series goes on at picture `index`, started from what an earlier run measured in the one before it.
   void resume(std::size_t index, const CorrelationResult& last);
-  /// Displacements to start the next picture from, e.g. a model's prediction, instead of the last picture's.
-  void set_start(Eigen::VectorXd start) { start_ = std::move(start); }
-
   /// Displacements that a model predicts for the next picture, px: it starts from them if they fit better
   /// than those of the last picture.
   void set_prediction(Eigen::VectorXd prediction) { prediction_ = std::move(prediction); }

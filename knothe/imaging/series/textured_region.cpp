@@ -87,7 +87,7 @@ Rectangle largest_rectangle(const Blocks& textured) {
 std::optional<Region> textured_region(const files::Picture& picture, double margin) {
   Blocks blocks = log_contrasts(picture);
   const auto [threshold, explained, apart, below] = numerics::two_classes(blocks.value);
-  if (!(apart > k_least_classes && std::min(below, 1 - below) > k_least_share)) return std::nullopt;
+  if (!(apart > k_min_classes_apart && std::min(below, 1 - below) > k_min_share)) return std::nullopt;
   for (double& value : blocks.value) value = value > threshold ? 1 : 0;
   for (int round = 0; round < k_hole_rounds; ++round) fill_holes(blocks);
   const Rectangle found = largest_rectangle(blocks);

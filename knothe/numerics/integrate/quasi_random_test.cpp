@@ -1,4 +1,3 @@
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <algorithm>
 
@@ -9,8 +8,6 @@
 #include <vector>
 
 #include "knothe/base/error.hpp"
-#include "knothe/numerics/integrate/halton.hpp"
-#include "knothe/numerics/integrate/reference_rule.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
 #include "knothe/numerics/statistics/random.hpp"
 
@@ -162,7 +159,6 @@ TEST(QuasiRandom, DiscrepancyIsFarBelowThatOfIndependentPoints) {
     const double random = random_discrepancy(1024, static_cast<double>(d));
     const double bound = d == 2 ? 0.02 : d == 4 ? 0.1 : 0.6;
     EXPECT_LT(l2_star_discrepancy(sobol_points(1024, d, 11)), bound * random) << d;
-    EXPECT_LT(l2_star_discrepancy(halton_points(1024, d, 11)), bound * random) << d;
     double mean = 0;
     for (std::uint64_t seed = 1; seed <= 8; ++seed)
       mean += l2_star_discrepancy(monte_carlo_points(1024, d, seed)) / 8;
@@ -189,61 +185,11 @@ TEST(QuasiRandom, BeatsIndependentPointsInHighDimensions) {
   for (Eigen::Index d : {60, 200}) {
     const double sobol =
         relative_variance(1024, d, [](auto n, auto k, auto s) { return sobol_points(n, k, s); });
-    const double halton =
-        relative_variance(1024, d, [](auto n, auto k, auto s) { return halton_points(n, k, s); });
     const double random =
         relative_variance(1024, d, [](auto n, auto k, auto s) { return monte_carlo_points(n, k, s); });
     EXPECT_LT(sobol, 0.2) << d;
-    EXPECT_LT(halton, 0.6) << d;
     EXPECT_NEAR(random, 1, 1.3) << d;  // χ² with 20 degrees of freedom: 1 ± 0.32
   }
-}
-
-TEST(Halton, PlainSequenceIsTheRadicalInverse) {
-  const Eigen::MatrixXd p = halton_points(7, 3, 0);
-  EXPECT_DOUBLE_EQ(p(1, 0), 0.5);
-  EXPECT_DOUBLE_EQ(p(6, 0), 3.0 / 8);             // 6 = 110 in base 2: 0.011
-  EXPECT_DOUBLE_EQ(p(5, 1), 2.0 / 3 + 1.0 / 9);   // 5 = 12 in base 3: 0.21
-  EXPECT_DOUBLE_EQ(p(6, 2), 1.0 / 5 + 1.0 / 25);  // 6 = 11 in base 5
-  EXPECT_GT(p.minCoeff(), 0);
-}
-
-TEST(Halton, ScrambledKeepsOnePointPerIntervalInEveryBase) {
-  const Eigen::Index primes[4] = {2, 3, 5, 7};
-  const Eigen::MatrixXd p = halton_points(2401, 4, 9);
-  for (Eigen::Index k = 0; k < 4; ++k) {
-    Eigen::Index n = 1;
-    while (n * primes[k] <= 2401) n *= primes[k];
-    std::vector<int> hits(static_cast<std::size_t>(n), 0);
-    for (Eigen::Index i = 0; i < n; ++i)
-      ++hits[static_cast<std::size_t>(std::floor(p(i, k) * static_cast<double>(n)))];
-    for (int count : hits) ASSERT_EQ(count, 1) << k;
-  }
-}
-
-TEST(Halton, ScramblingIsSeededUnbiasedAndIndependentOfSize) {
-  const Eigen::MatrixXd p = halton_points(300, 200, 5);
-  EXPECT_TRUE((p.array() == halton_points(300, 200, 5).array()).all());
-  EXPECT_TRUE((p.topLeftCorner(100, 50).array() == halton_points(100, 50, 5).array()).all());
-  EXPECT_TRUE((p.bottomRows(200).array() == halton_points(200, 200, 5, 100).array()).all());
-  EXPECT_FALSE((p.array() == halton_points(300, 200, 6).array()).any());
-  // The first point alone is uniform over the seeds, in every coordinate.
-  const int seeds = 400;
-  Eigen::RowVectorXd mean = Eigen::RowVectorXd::Zero(60), square = mean;
-  for (int seed = 1; seed <= seeds; ++seed) {
-    const Eigen::RowVectorXd x = halton_points(1, 60, static_cast<std::uint64_t>(seed));
-    mean += x / seeds;
-    square += x.cwiseAbs2() / seeds;
-  }
-  const double four_sigma = 4 / std::sqrt(12.0 * seeds);
-  EXPECT_LT((mean.array() - 0.5).abs().maxCoeff(), four_sigma);
-  EXPECT_LT((square.array() - 1.0 / 3).abs().maxCoeff(), 4 * std::sqrt(4.0 / 45 / seeds));
-  // Coordinates with large primes are not correlated, as those of the plain sequence are.
-  const Eigen::MatrixXd tail = p.rightCols(2).array() - 0.5;
-  EXPECT_LT(std::abs(12 * tail.col(0).dot(tail.col(1)) / 300), 0.25);
-  const Eigen::MatrixXd plain = halton_points(300, 200, 0).rightCols(2).array() - 0.5;
-  EXPECT_GT(std::abs(12 * plain.col(0).dot(plain.col(1)) / 300), 0.9);
-  EXPECT_THROW((void)halton_points(8, 1001, 1), UsageError);
 }
 
 TEST(Random, PhiloxGivesThePublishedNumbers) {
@@ -273,49 +219,21 @@ TEST(Random, NormalPointsHaveNormalMomentsAndComeInPieces) {
       (z.middleRows(100, 50).leftCols(3).array() == monte_carlo_normal_points(50, 3, 77, 100).array()).all());
 }
 
-TEST(ReferenceRule, EveryKindIntegratesAgainstTheStandardNormal) {
-  using Kind = ReferenceRuleKind;
-  for (Kind kind :
-       {Kind::tensor_gauss_hermite, Kind::smolyak, Kind::sobol, Kind::halton, Kind::monte_carlo}) {
-    ReferenceRule choice{.kind = kind, .points = 4096, .seed = 3, .nodes = 6, .level = 5};
-    const PointRule rule = reference_rule(choice, 3);
-    ASSERT_EQ(rule.points.rows(), rule.weights.size());
-    EXPECT_NEAR(rule.weights.sum(), 1, 1e-12) << name_of(kind);
-    const Eigen::ArrayXd f =
-        (0.5 * rule.points.col(0) + 0.2 * rule.points.col(1) - 0.3 * rule.points.col(2)).array().exp();
-    const double exact = std::exp(0.5 * (0.25 + 0.04 + 0.09));
-    const bool gauss = kind == Kind::tensor_gauss_hermite || kind == Kind::smolyak;
-    EXPECT_NEAR((rule.weights.array() * f).sum() / exact, 1,
-                gauss                       ? 1e-5
-                : kind == Kind::monte_carlo ? 0.05
-                                            : 5e-3)
-        << name_of(kind);
-    if (gauss) continue;
-    choice.match_moments = true;
-    const PointRule matched = reference_rule(choice, 50);
-    EXPECT_LT(matched.points.colwise().mean().cwiseAbs().maxCoeff(), 1e-13) << name_of(kind);
-    EXPECT_LT((matched.points.transpose() * matched.points / 4096.0 - Eigen::MatrixXd::Identity(50, 50))
-                  .cwiseAbs()
-                  .maxCoeff(),
-              1e-12)
-        << name_of(kind);
+TEST(Sobol, NormalPointsIntegrateAndTheirMomentsAreMatched) {
+  const Eigen::MatrixXd x = sobol_normal_points(4096, 3, 3);
+  const Eigen::ArrayXd f = (0.5 * x.col(0) + 0.2 * x.col(1) - 0.3 * x.col(2)).array().exp();
+  EXPECT_NEAR(f.mean() / std::exp(0.5 * (0.25 + 0.04 + 0.09)), 1, 5e-3);
+  for (Eigen::MatrixXd points : {sobol_normal_points(4096, 50, 3), monte_carlo_normal_points(4096, 50, 3)}) {
+    match_standard_moments(points);
+    EXPECT_LT(points.colwise().mean().cwiseAbs().maxCoeff(), 1e-13);
+    const Eigen::MatrixXd covariance = points.transpose() * points / 4096.0;
+    EXPECT_LT((covariance - Eigen::MatrixXd::Identity(50, 50)).cwiseAbs().maxCoeff(), 1e-12);
   }
 }
 
-TEST(ReferenceRule, RefusesWhatMakesNoSense) {
-  using testing::HasSubstr;
-  const auto message = [](const ReferenceRule& rule, Eigen::Index d) -> std::string {
-    try {
-      (void)reference_rule(rule, d);
-    } catch (const UsageError& error) {
-      return error.what();
-    }
-    return "";
-  };
-  EXPECT_THAT(message({}, 0), HasSubstr("Sobol rule in 0 dimensions"));
-  EXPECT_THAT(message({.points = 0}, 2), HasSubstr("Sobol rule of 0 points"));
-  EXPECT_THAT(message({.kind = ReferenceRuleKind::tensor_gauss_hermite, .nodes = 20}, 8),
-              HasSubstr("20 nodes per variable in 8 dimensions: more than 20,000,000 points"));
+TEST(Sobol, RefusesDimensionsThatItDoesNotHave) {
+  EXPECT_THROW((void)sobol_points(8, 0, 1), UsageError);
+  EXPECT_THROW((void)sobol_points(8, 201, 1), UsageError);
 }
 
 }  // namespace

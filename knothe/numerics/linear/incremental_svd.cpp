@@ -77,7 +77,6 @@ void IncrementalSvd::append(const Eigen::Ref<const Eigen::VectorXd>& column) {
   const Eigen::JacobiSVD<Eigen::MatrixXd> svd(small, Eigen::ComputeThinU | Eigen::ComputeThinV);
   const Eigen::VectorXd& s = svd.singularValues();
   rank_ = std::min(m, most_);
-  for (Eigen::Index j = rank_; j < s.size(); ++j) discarded_ += s[j] * s[j];
   turn(space_, svd.matrixU().leftCols(rank_));
   if (columns_ % k_orthonormal_every == 0) {
     // One step of Newton and Schulz towards the nearest orthonormal matrix: products of thousands of turns

@@ -11,8 +11,8 @@ namespace knothe::numerics {
 /// costs O(n k + n k² + W k²), whatever the number of columns before: of V only the rows of the last W
 /// columns are kept.
 ///
-/// What a truncation discards is known exactly: A Aᵀ = U diag(s²) Uᵀ + D with D positive semi-definite and
-/// trace(D) = `discarded_energy()`, so that 0 ≤ σ_k(A)² − s_k² ≤ `discarded_energy()`.
+/// What truncations discard is known exactly: A Aᵀ = U diag(s²) Uᵀ + D with D positive semi-definite, so that
+/// 0 ≤ σ_k(A)² − s_k² ≤ trace(D) = |A|² − |s|².
 class IncrementalSvd {
  public:
   /// Columns of `rows` numbers, at most `rank` triplets, rows of V for the last `window` columns. All ≥ 1.
@@ -27,14 +27,12 @@ class IncrementalSvd {
   [[nodiscard]] auto singular_values() const { return value_.head(rank_); }  ///< s, decreasing
   /// The rows of V of the last min(columns, window) columns, oldest first.
   [[nodiscard]] auto time() const { return time_.topLeftCorner(kept_, rank_); }
-  [[nodiscard]] double discarded_energy() const { return discarded_; }  ///< trace(D)
 
  private:
   Eigen::Index most_, window_, columns_ = 0, rank_ = 0, kept_ = 0;
   Eigen::MatrixXd space_;  ///< rows × (most + 1)
   Eigen::VectorXd value_;  ///< most + 1
   Eigen::MatrixXd time_;   ///< (window + 1) × (most + 1)
-  double discarded_ = 0;
 };
 
 }  // namespace knothe::numerics

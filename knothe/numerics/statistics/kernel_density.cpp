@@ -31,7 +31,16 @@ void require(std::span<const double> values, std::span<const double> weights) {
   if (!(total > 0)) throw UsageError("kernel density: no weight is positive");
 }
 
-double silverman(std::span<const double> values, std::span<const double> weights) {
+}  // namespace
+
+double effective_count(std::span<const double> weights) {
+  double sum = 0, squares = 0;
+  for (double w : weights) sum += w, squares += w * w;
+  return sum * sum / squares;
+}
+
+double kernel_bandwidth(std::span<const double> values, std::span<const double> weights) {
+  require(values, weights);
   const double total = std::accumulate(weights.begin(), weights.end(), 0.0);
   double mean = 0, variance = 0;
   for (std::size_t i = 0; i < values.size(); ++i) mean += weights[i] / total * values[i];
@@ -42,19 +51,6 @@ double silverman(std::span<const double> values, std::span<const double> weights
   const double robust = (quartile[1] - quartile[0]) / 1.34, std = std::sqrt(variance);
   const double spread = robust > 0 ? std::min(std, robust) : std;
   return std::max(0.9 * spread * std::pow(effective_count(weights), -0.2), 1e-12 * (1 + std::abs(mean)));
-}
-
-}  // namespace
-
-double effective_count(std::span<const double> weights) {
-  double sum = 0, squares = 0;
-  for (double w : weights) sum += w, squares += w * w;
-  return sum * sum / squares;
-}
-
-double kernel_bandwidth(std::span<const double> values, std::span<const double> weights, Bandwidth) {
-  require(values, weights);
-  return silverman(values, weights);
 }
 
 std::vector<double> kernel_density(std::span<const double> values, std::span<const double> weights,

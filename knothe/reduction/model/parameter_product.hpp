@@ -11,13 +11,12 @@ namespace knothe::reduction {
 /// ⟨f, g⟩ = fᵀ W g for the values f, g at the grid points (C order), W = ⊗_i W_i, one factor per axis:
 ///
 ///   nodes:  W_i = the trapezoid weights,
-///   spline: W_i = M_i + s² K_i,  M = ∫ c cᵀ dx / h,  K = h ∫ c′ c′ᵀ dx,
+///   spline: W_i = ∫ c cᵀ dx / h,
 ///
 /// with the cardinal splines c of the axis and its length h: what is measured is the spline, between the
-/// nodes too. s > 0 measures its derivatives as well (a Sobolev product with dominating mixed derivatives).
+/// nodes too.
 class ParameterProduct {
  public:
-  /// UsageError for a negative or infinite s.
   ParameterProduct(std::span<const Axis> axes, const CompressionOptions& options);
 
   /// L_i with W_i = L_i L_iᵀ, lower triangular.

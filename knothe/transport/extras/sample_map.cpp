@@ -20,51 +20,27 @@ namespace knothe::transport {
 
 namespace {
 
-MapSpecification default_family(Eigen::Index d, int order) {
-  Parametrisation parametrisation;
-  parametrisation.rectifier = Rectifier::softplus;
-  return total_order_map(d, order, parametrisation);
-}
+constexpr double k_regularisation = 1e-6;  ///< λ: keeps terms that the samples do not support near zero
+constexpr int k_max_iterations = 100;      ///< of Newton's method, per component and fit
 
-void require(const Eigen::Ref<const Eigen::MatrixXd>& samples, const Eigen::VectorXd& weights,
-             const SampleMapOptions& o) {
+void require(const Eigen::Ref<const Eigen::MatrixXd>& samples, const SampleMapOptions& o) {
   const Eigen::Index n = samples.rows(), d = samples.cols();
   if (n < 2 || d < 1) throw UsageError(fmt::format("map from samples: {} samples of {} coordinates", n, d));
-  if (weights.size() != 0 && weights.size() != n)
-    throw UsageError(fmt::format("map from samples: {} samples, {} weights; give one weight each, or none", n,
-                                 weights.size()));
-  if (o.min_order < 1 || o.max_order < o.min_order || o.max_order > k_max_order)
-    throw UsageError(fmt::format("map from samples: orders {} to {} asked for; they must lie in 1 … {}",
-                                 o.min_order, o.max_order, k_max_order));
+  if (o.max_order < 1 || o.max_order > k_max_order)
+    throw UsageError(fmt::format("map from samples: orders 1 to {} asked for; they must lie in 1 … {}",
+                                 o.max_order, k_max_order));
   if (o.folds < 0 || o.folds == 1 || o.folds > n)
     throw UsageError(fmt::format(
         "map from samples: {} folds; 0 (none) or 2 to the number of samples are possible", o.folds));
-  if (!(o.regularisation >= 0)) throw UsageError("map from samples: the regularisation must not be negative");
   for (Eigen::Index k = 0; k < d; ++k)
     for (Eigen::Index i = 0; i < n; ++i)
       if (!std::isfinite(samples(i, k)))
         throw DataError(fmt::format("map from samples: sample {}, coordinate {} is {}; remove or correct it",
                                     i, k, samples(i, k)));
-  if (weights.size() > 0 &&
-      (!(weights.minCoeff() >= 0) || !(weights.sum() > 0) || !std::isfinite(weights.sum())))
-    throw DataError("map from samples: the weights must be finite and not negative, and not all zero");
-}
-
-bool depends_on_all_before(const MapSpecification& specification) {
-  for (std::size_t k = 1; k < specification.components.size(); ++k)
-    for (int v = 0; v < static_cast<int>(k); ++v) {
-      const auto has = [v](const MultiIndex& index) { return index.degree_of(v) > 0; };
-      const auto& c = specification.components[k];
-      if (std::none_of(c.constant.begin(), c.constant.end(), has) &&
-          std::none_of(c.monotone.begin(), c.monotone.end(), has))
-        return false;
-    }
-  return true;
 }
 
 /// x ↦ L⁻¹ (x − mean).
-AffineMap standardise(const Eigen::Ref<const Eigen::MatrixXd>& samples, const Eigen::VectorXd& weights,
-                      bool whiten) {
+AffineMap standardise(const Eigen::Ref<const Eigen::MatrixXd>& samples, const Eigen::VectorXd& weights) {
   const numerics::Moments moments = numerics::moments_of(samples, weights);
   const Eigen::Index d = samples.cols();
   const Eigen::VectorXd std = moments.covariance.diagonal().cwiseSqrt();
@@ -73,17 +49,14 @@ AffineMap standardise(const Eigen::Ref<const Eigen::MatrixXd>& samples, const Ei
       throw DataError(
           fmt::format("map from samples: coordinate {} has no spread, it is {} in all samples; leave it out",
                       k, moments.mean[k]));
-  Eigen::MatrixXd lower = std.asDiagonal();
-  if (whiten) {
-    const Eigen::MatrixXd correlation =
-        std.cwiseInverse().asDiagonal() * moments.covariance * std.cwiseInverse().asDiagonal();
-    const Eigen::LLT<Eigen::MatrixXd> factor(correlation);
-    if (factor.info() != Eigen::Success || factor.matrixL().toDenseMatrix().diagonal().minCoeff() < 1e-7)
-      throw DataError(
-          "map from samples: the covariance of the samples is singular; leave out coordinates that follow "
-          "from others, or give more samples");
-    lower = std.asDiagonal() * factor.matrixL().toDenseMatrix();
-  }
+  const Eigen::MatrixXd correlation =
+      std.cwiseInverse().asDiagonal() * moments.covariance * std.cwiseInverse().asDiagonal();
+  const Eigen::LLT<Eigen::MatrixXd> factor(correlation);
+  if (factor.info() != Eigen::Success || factor.matrixL().toDenseMatrix().diagonal().minCoeff() < 1e-7)
+    throw DataError(
+        "map from samples: the covariance of the samples is singular; leave out coordinates that follow "
+        "from others, or give more samples");
+  const Eigen::MatrixXd lower = std.asDiagonal() * factor.matrixL().toDenseMatrix();
   AffineMap map{Eigen::VectorXd::Zero(d),
                 lower.triangularView<Eigen::Lower>().solve(Eigen::MatrixXd::Identity(d, d))};
   map.shift = -map.lower * moments.mean;
@@ -100,56 +73,50 @@ class ComponentFit {
   void run(const std::vector<TriangularMap>& families) {
     double best = std::numeric_limits<double>::infinity();
     int worse = 0;
-    for (int order = options_.folds > 0 ? options_.min_order : options_.max_order;
-         order <= options_.max_order && worse < 2; ++order) {
+    for (int order = options_.folds > 0 ? 1 : options_.max_order; order <= options_.max_order && worse < 2;
+         ++order) {
       const TriangularMap& family = families[static_cast<std::size_t>(order)];
       const Eigen::Index count =
           family.component(k_).constant_count() + family.component(k_).monotone_count();
-      const auto usable = static_cast<double>((weights_.array() > 0).count());
-      if (static_cast<double>(count) > (options_.folds > 1 ? 1 - 1.0 / options_.folds : 1.0) * usable) {
+      const auto samples = static_cast<double>(y_.rows());
+      if (static_cast<double>(count) > (options_.folds > 1 ? 1 - 1.0 / options_.folds : 1.0) * samples) {
         if (std::isinf(best))
           throw DataError(
               fmt::format("map from samples: component {} of order {} has {} coefficients, but there are "
                           "{:.0f} samples; lower the order or give more samples",
-                          k_, order, count, usable));
+                          k_, order, count, samples));
         break;
       }
-      SampleObjective objective(family, k_, y_, options_.regularisation);
+      SampleObjective objective(family, k_, y_, k_regularisation);
       if (options_.folds == 0) {
         finish(objective, order);
         return;
       }
-      Eigen::VectorXd losses = cross_validate(objective);
-      const double loss = weights_.dot(losses);
+      const double loss = weights_.dot(cross_validate(objective));
       worse = loss < best ? 0 : worse + 1;
       if (loss >= best) continue;
       best = loss;
       chosen = order;
-      held_out = std::move(losses);
     }
-    SampleObjective objective(families[static_cast<std::size_t>(chosen)], k_, y_, options_.regularisation);
+    SampleObjective objective(families[static_cast<std::size_t>(chosen)], k_, y_, k_regularisation);
     finish(objective, chosen);
   }
 
   int chosen = 0;
   Eigen::VectorXd coefficients;  ///< a_c, a_e
-  Eigen::VectorXd held_out;      ///< loss at each sample, of the fit that did not see it
-  double loss = 0;
-  int iterations = 0;
   numerics::MinimiserSummary summary;
 
  private:
   numerics::MinimiserSummary fit(SampleObjective& objective, Eigen::VectorXd& a) {
     a = objective.affine_start();
     numerics::TrustRegionOptions newton;
-    newton.max_iterations = options_.max_iterations;
+    newton.max_iterations = k_max_iterations;
     newton.decrease_tolerance = 1e-10;
     newton.gradient_tolerance = 1e-9;
-    const auto done = numerics::NewtonTrustRegion().minimise(objective, newton, a);
-    iterations += done.iterations;
-    return done;
+    return numerics::NewtonTrustRegion().minimise(objective, newton, a);
   }
 
+  /// The loss at each sample, of the fit that did not see it.
   Eigen::VectorXd cross_validate(SampleObjective& objective) {
     Eigen::VectorXd result(weights_.size()), a;
     for (int f = 0; f < options_.folds; ++f) {
@@ -157,9 +124,7 @@ class ComponentFit {
       Eigen::VectorXd training = weights_;
       for (Eigen::Index i = 0; i < training.size(); ++i)
         if (fold_[static_cast<std::size_t>(i)] == f) training[i] = 0;
-      const double sum = training.sum();
-      if (!(sum > 0)) throw DataError("map from samples: all the weight is in one fold; take fewer folds");
-      objective.set_weights(training / sum);
+      objective.set_weights(training / training.sum());
       (void)fit(objective, a);
       const Eigen::VectorXd losses = objective.losses(a);
       for (Eigen::Index i = 0; i < losses.size(); ++i)
@@ -172,7 +137,6 @@ class ComponentFit {
     objective.set_weights(weights_);
     summary = fit(objective, coefficients);
     chosen = order;
-    loss = weights_.dot(objective.losses(coefficients));
   }
 
   Eigen::Index k_;
@@ -197,20 +161,16 @@ std::vector<int> shuffled_folds(Eigen::Index n, int folds, std::uint64_t seed) {
 
 }  // namespace
 
-SampleMap map_from_samples(const Eigen::Ref<const Eigen::MatrixXd>& samples, const Eigen::VectorXd& weights,
+SampleMap map_from_samples(const Eigen::Ref<const Eigen::MatrixXd>& samples,
                            const SampleMapOptions& options) {
-  require(samples, weights, options);
+  require(samples, options);
   const Eigen::Index n = samples.rows(), d = samples.cols();
-  const Eigen::VectorXd w = weights.size() > 0 ? Eigen::VectorXd(weights / weights.sum())
-                                               : Eigen::VectorXd::Constant(n, 1.0 / static_cast<double>(n));
-  const MapFamily family = options.family ? options.family : MapFamily(default_family);
+  const Eigen::VectorXd w = Eigen::VectorXd::Constant(n, 1.0 / static_cast<double>(n));
   std::vector<TriangularMap> families(static_cast<std::size_t>(options.max_order) + 1);
-  for (int order = options.min_order; order <= options.max_order; ++order)
-    families[static_cast<std::size_t>(order)] = TriangularMap(family(d, order));
-  const bool whiten = options.standardisation == Standardisation::whitening ||
-                      (options.standardisation == Standardisation::automatic &&
-                       depends_on_all_before(families.back().specification()));
-  const AffineMap affine = standardise(samples, w, whiten);
+  for (int order = 1; order <= options.max_order; ++order)
+    families[static_cast<std::size_t>(order)] =
+        TriangularMap(total_order_map(d, order, {Rectifier::softplus, {}}));
+  const AffineMap affine = standardise(samples, w);
   MapBatch standardised;
   affine.evaluate(samples, 0, standardised);
   const std::vector<int> fold = shuffled_folds(n, options.folds, options.seed);
@@ -219,8 +179,7 @@ SampleMap map_from_samples(const Eigen::Ref<const Eigen::MatrixXd>& samples, con
   result.converged = true;
   MapSpecification specification;
   specification.parametrisation = families.back().parametrisation();
-  Eigen::VectorXd coefficients(0), held_out = Eigen::VectorXd::Zero(n);
-  double loss = 0;
+  Eigen::VectorXd coefficients(0);
   for (Eigen::Index k = 0; k < d; ++k) {
     ComponentFit fit(k, standardised.value, w, options, fold);
     fit.run(families);
@@ -230,9 +189,6 @@ SampleMap map_from_samples(const Eigen::Ref<const Eigen::MatrixXd>& samples, con
     coefficients.conservativeResize(coefficients.size() + fit.coefficients.size());
     coefficients.tail(fit.coefficients.size()) = fit.coefficients;
     result.orders.push_back(fit.chosen);
-    result.iterations += fit.iterations;
-    loss += fit.loss;
-    if (options.folds > 0) held_out += fit.held_out;
     if (!fit.summary.converged() && fit.summary.gradient_norm > 1e-4) {
       result.converged = false;
       result.reason +=
@@ -242,19 +198,9 @@ SampleMap map_from_samples(const Eigen::Ref<const Eigen::MatrixXd>& samples, con
   }
   TriangularMap map(std::move(specification));
   map.set_coefficients(coefficients);
-  result.coefficient_count = coefficients.size();
   result.map = ComposedMap(d);
   result.map.append(std::move(map));
   result.map.append(affine);
-  const double constant =
-      affine.log_determinant() + standard_normal_log_density(Eigen::MatrixXd::Zero(1, d))[0];
-  result.log_likelihood = constant - loss;
-  result.held_out_log_likelihood = result.held_out_error = std::numeric_limits<double>::quiet_NaN();
-  if (options.folds > 0) {
-    const double mean = w.dot(held_out);
-    result.held_out_log_likelihood = constant - mean;
-    result.held_out_error = std::sqrt((w.array().square() * (held_out.array() - mean).square()).sum());
-  }
   return result;
 }
 
@@ -262,27 +208,6 @@ Eigen::VectorXd SampleMap::log_density(const Eigen::Ref<const Eigen::MatrixXd>& 
   MapBatch batch;
   map.evaluate(z, 0, batch);
   return standard_normal_log_density(batch.value) + batch.log_determinant;
-}
-
-Eigen::MatrixXd SampleMap::sample(Eigen::Index n, std::uint64_t seed) const {
-  return map.inverse(numerics::monte_carlo_normal_points(n, dimension(), seed));
-}
-
-Eigen::VectorXd SampleMap::conditional_log_density(const Eigen::VectorXd& given,
-                                                   const Eigen::Ref<const Eigen::MatrixXd>& rest) const {
-  const Eigen::Index m = given.size(), d = dimension(), n = rest.rows();
-  if (m + rest.cols() != d)
-    throw UsageError(
-        fmt::format("conditional density: {} coordinates given and {} to evaluate at, the samples have {}", m,
-                    rest.cols(), d));
-  if (m == 0) return log_density(rest);
-  Eigen::MatrixXd z(n, d);
-  z.leftCols(m) = given.transpose().replicate(n, 1);
-  z.rightCols(d - m) = rest;
-  MapBatch leading;
-  MapDistribution(map).leading(m).map().evaluate(given.transpose(), 0, leading);
-  const double marginal = standard_normal_log_density(leading.value)[0] + leading.log_determinant[0];
-  return log_density(z).array() - marginal;
 }
 
 Eigen::MatrixXd SampleMap::conditional_reference(const Eigen::VectorXd& given, Eigen::Index n,
@@ -299,13 +224,6 @@ Eigen::MatrixXd SampleMap::conditional_reference(const Eigen::VectorXd& given, E
   reference.leftCols(m) = leading.replicate(n, 1);
   reference.rightCols(d - m) = numerics::monte_carlo_normal_points(n, d - m, seed);
   return reference;
-}
-
-Eigen::MatrixXd SampleMap::conditional_sample(const Eigen::VectorXd& given, Eigen::Index n,
-                                              std::uint64_t seed) const {
-  Eigen::MatrixXd z = map.inverse(conditional_reference(given, n, seed));
-  z.leftCols(given.size()) = given.transpose().replicate(n, 1);  // to the bit
-  return z;
 }
 
 }  // namespace knothe::transport

@@ -14,6 +14,7 @@ namespace knothe::transport {
 namespace {
 
 using Values = OneVariableBasis::Values;
+constexpr Rectifier k_rectifier = Rectifier::softplus;
 
 /// Values of the one-variable functions 0 … degree at all samples of one variable, n × (degree + 1).
 Eigen::MatrixXd tabulate(const OneVariableBasis& basis, bool monotone,
@@ -46,9 +47,7 @@ Eigen::VectorXd product(const MultiIndex& index, int k, const std::vector<Eigen:
 }
 
 /// h with r(h) = slope > 0.
-double inverse_rectifier(Rectifier rectifier, double slope) {
-  if (rectifier == Rectifier::square) return std::sqrt(slope);
-  if (rectifier == Rectifier::exponential) return std::log(slope);
+double inverse_rectifier(double slope) {
   const double s = slope / k_softplus_scale;  // log(1 + eʰ) = s
   return s > 30 ? s : std::log(std::expm1(s));
 }
@@ -57,7 +56,7 @@ double inverse_rectifier(Rectifier rectifier, double slope) {
 
 SampleObjective::SampleObjective(const TriangularMap& map, Eigen::Index k,
                                  const Eigen::Ref<const Eigen::MatrixXd>& y, double regularisation)
-    : rectifier_(map.parametrisation().rectifier), regularisation_(regularisation), own_(y.col(k)) {
+    : regularisation_(regularisation), own_(y.col(k)) {
   const OneVariableBasis basis(map.parametrisation());
   const MapComponent& c = map.component(k);
   const Eigen::Index n = y.rows();
@@ -140,7 +139,7 @@ void SampleObjective::integrate(int derivatives) {
       const double* psi = rule_psi_.data() + q * p;
       double h = 0;
       for (std::size_t j = 0; j < p; ++j) h += b[j] * psi[j];
-      const Rectified r = rectify(rectifier_, h);
+      const Rectified r = rectify(k_rectifier, h);
       const double w = rule_weight_[q];
       sum += w * r.value;
       for (std::size_t j = 0; j < p; ++j) g[j] += w * r.first * psi[j];
@@ -164,7 +163,7 @@ Eigen::VectorXd SampleObjective::losses(const Eigen::VectorXd& a) {
   const Eigen::VectorXd s = constant_ * a.head(constant_.cols()) + integral_;
   Eigen::VectorXd result(s.size());
   for (Eigen::Index i = 0; i < s.size(); ++i)
-    result[i] = std::min(0.5 * s[i] * s[i] - log_rectified(rectifier_, h_[i]), 1e6);
+    result[i] = std::min(0.5 * s[i] * s[i] - log_rectified(k_rectifier, h_[i]), 1e6);
   return result;
 }
 
@@ -172,9 +171,6 @@ bool SampleObjective::evaluate(const Eigen::VectorXd& a, int derivatives, double
                                Eigen::VectorXd& gradient, Eigen::MatrixXd& hessian) {
   const Eigen::Index n = own_.size(), n_c = constant_.cols();
   collapse(a);
-  if (rectifier_ == Rectifier::square)  // h > 0, as in KullbackLeiblerObjective
-    for (Eigen::Index i = 0; i < n; ++i)
-      if (weights_[i] > 0 && !(h_[i] > 0)) return false;
   integrate(derivatives);
   const Eigen::VectorXd s = constant_ * a.head(n_c) + integral_;
   value = 0.5 * regularisation_ * penalised_.dot(a.cwiseAbs2());
@@ -184,9 +180,9 @@ bool SampleObjective::evaluate(const Eigen::VectorXd& a, int derivatives, double
       slope[i] = bend[i] = 0;
       continue;
     }
-    value += weights_[i] * (0.5 * s[i] * s[i] - log_rectified(rectifier_, h_[i]));
-    const double first = log_rectified_slope(rectifier_, h_[i]);
-    const Rectified r = rectify(rectifier_, h_[i]);
+    value += weights_[i] * (0.5 * s[i] * s[i] - log_rectified(k_rectifier, h_[i]));
+    const double first = log_rectified_slope(k_rectifier, h_[i]);
+    const Rectified r = rectify(k_rectifier, h_[i]);
     slope[i] = weights_[i] * first;
     bend[i] = r.value > 1e-200 ? weights_[i] * (r.second / r.value - first * first) : 0;
   }
@@ -228,17 +224,6 @@ bool SampleObjective::evaluate(const Eigen::VectorXd& a, int derivatives, double
   return true;
 }
 
-double SampleObjective::step_limit(const Eigen::VectorXd& a, const Eigen::VectorXd& step) {
-  if (rectifier_ != Rectifier::square) return 1;
-  collapse(a);
-  const Eigen::VectorXd here = h_;
-  collapse(step);
-  double steepest = 1e-300;
-  for (Eigen::Index i = 0; i < here.size(); ++i)
-    if (weights_[i] > 0) steepest = std::max(steepest, -h_[i] / here[i]);
-  return std::min(1.0, 0.9 / steepest);
-}
-
 Eigen::VectorXd SampleObjective::affine_start() const {
   // x_k = β_0 + βᵀ x_before + σ e, hence S = (x_k − β_0 − βᵀ x_before)/σ.
   const Eigen::Index n = own_.size(), columns = 1 + static_cast<Eigen::Index>(linear_.size());
@@ -256,7 +241,7 @@ Eigen::VectorXd SampleObjective::affine_start() const {
   a[constant_column_] = -slope * beta[0];
   for (std::size_t m = 0; m < linear_.size(); ++m)
     a[linear_[m]] = -slope * beta[static_cast<Eigen::Index>(m) + 1];
-  a[constant_.cols() + unit_monotone_] = inverse_rectifier(rectifier_, slope);
+  a[constant_.cols() + unit_monotone_] = inverse_rectifier(slope);
   return a;
 }
 

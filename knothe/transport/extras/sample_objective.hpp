@@ -13,7 +13,8 @@ namespace knothe::transport {
 ///   S = Φ_c a_c + ∫₀^{x_k} r(h) dθ,  ∂S/∂b_j = ∫ r'(h) ψ_j,  ∂²S/∂b_j∂b_l = ∫ r''(h) ψ_j ψ_l.
 class SampleObjective final : public numerics::Objective {
  public:
-  /// Component k of `map`, at the samples y (n × d, standardised). The map must outlive this.
+  /// Component k of `map`, an integrated softplus, at the samples y (n × d, standardised). The map must
+  /// outlive this.
   SampleObjective(const TriangularMap& map, Eigen::Index k, const Eigen::Ref<const Eigen::MatrixXd>& y,
                   double regularisation);
   /// Σ w = 1. Samples of weight zero take no part; `held_out` tells about them.
@@ -21,7 +22,6 @@ class SampleObjective final : public numerics::Objective {
   [[nodiscard]] Eigen::Index dimension() const override { return constant_.cols() + monotone_count_; }
   bool evaluate(const Eigen::VectorXd& a, int derivatives, double& value, Eigen::VectorXd& gradient,
                 Eigen::MatrixXd& hessian) override;
-  [[nodiscard]] double step_limit(const Eigen::VectorXd& a, const Eigen::VectorXd& step) override;
   /// ½ S² − log ∂_k S at every sample.
   [[nodiscard]] Eigen::VectorXd losses(const Eigen::VectorXd& a);
   /// The best affine component in closed form: least squares on the linear terms it has.
@@ -31,7 +31,6 @@ class SampleObjective final : public numerics::Objective {
   void collapse(const Eigen::VectorXd& a);
   void integrate(int derivatives);
 
-  Rectifier rectifier_;
   double regularisation_;
   Eigen::VectorXd own_;               ///< n: y_k
   Eigen::MatrixXd constant_;          ///< n × n_c: Φ_c

@@ -15,6 +15,8 @@ namespace {
 
 constexpr int k_schema_version = 1;
 constexpr const char* k_kind = "transport map";
+/// The functions of every map (TailedHermite).
+constexpr const char *k_basis = "hermite", *k_tails = "bent";
 
 std::string part_group(std::size_t i) {
   return fmt::format("/parts/{}", i);
@@ -36,9 +38,9 @@ void write_part(files::Hdf5Writer& file, const std::string& group, const AffineM
 void write_part(files::Hdf5Writer& file, const std::string& group, const TriangularMap& map) {
   const Parametrisation& p = map.parametrisation();
   file.text_attribute(group, "kind", "triangular");
-  file.text_attribute(group, "rectifier", to_string(p.rectifier));
-  file.text_attribute(group, "basis", to_string(p.basis));
-  file.text_attribute(group, "tails", to_string(p.tails));
+  file.text_attribute(group, "rectifier", to_text(p.rectifier));
+  file.text_attribute(group, "basis", k_basis);
+  file.text_attribute(group, "tails", k_tails);
   const double radii[] = {p.radii.level, p.radii.bend, p.radii.tangent};
   file.write(group + "/radii", radii, {3}, {"1", "radii of the tails: level, bend, tangent"});
   const auto count = static_cast<std::size_t>(map.coefficients().size());
@@ -155,10 +157,12 @@ TriangularMap read_triangular(const files::Hdf5Reader& file, const std::string& 
     (set == 0 ? c.constant : c.monotone).push_back(std::move(indices[m]));
     last_component = component, last_set = set;
   }
+  const std::string basis = file.text_attribute(group, "basis"), tails = file.text_attribute(group, "tails");
+  if (basis != k_basis || tails != k_tails)
+    fail(file, fmt::format("{} is made of \"{}\" functions with \"{}\" tails: \"{}\" with \"{}\" are needed",
+                           group, basis, tails, k_basis, k_tails));
   try {
     specification.parametrisation = {rectifier_from(file.text_attribute(group, "rectifier")),
-                                     basis_family_from(file.text_attribute(group, "basis")),
-                                     tails_from(file.text_attribute(group, "tails")),
                                      {radii[0], radii[1], radii[2]}};
     TriangularMap map(std::move(specification));
     map.set_coefficients(Eigen::Map<const Eigen::VectorXd>(coefficients.data(),

@@ -28,21 +28,6 @@ void weighted_sum(std::size_t count, const Term& term, Column& out) {
   }
 }
 
-/// Writes `value(l)` for the lanes of a block to `count` consecutive numbers.
-template <class Value>
-void emit(double* out, int count, const Value& value) {
-  if (count == k_block_points) {
-    for (int l = 0; l < k_block_lanes; ++l) {
-      const Lanes x = value(l);
-      std::memcpy(out + l * k_lane_width, &x, sizeof x);
-    }
-    return;
-  }
-  Column column;
-  for (int l = 0; l < k_block_lanes; ++l) column.lane[l] = value(l);
-  store(column, out, count);
-}
-
 }  // namespace
 
 /// All that is known of a block. Columns of the functions of one variable, then products.
@@ -51,8 +36,8 @@ struct MapKernel::Workspace {
   std::vector<Column> constant_functions;  ///< of the variable filled last
   std::vector<Column> monotone_functions;
   std::vector<Column> constant_products, monotone_products;
-  std::vector<Column> b, g;  ///< of the component at work, per degree
-  Column constant{}, value{}, log_slope{}, relative_slope{}, log_determinant{};
+  std::vector<Column> b;  ///< of the component at work, per degree
+  Column constant{}, value{}, log_determinant{};
 
   explicit Workspace(const MapKernel& kernel)
       : x(kernel.structure_.components.size()),
@@ -60,8 +45,7 @@ struct MapKernel::Workspace {
         monotone_functions(k_max_order + 1),
         constant_products(kernel.constant_.products.size()),
         monotone_products(kernel.monotone_.products.size()),
-        b(k_max_order + 1),
-        g(k_max_order + 1) {
+        b(k_max_order + 1) {
     for (int l = 0; l < k_block_lanes; ++l)
       constant_products[0].lane[l] = monotone_products[0].lane[l] = lanes(1);
   }
@@ -88,14 +72,14 @@ MapKernel::MapKernel(MapSpecification specification) : structure_(std::move(spec
 /// The functions of variable v, and the products that end with it.
 void MapKernel::fill_functions(Eigen::Index v, bool products, Workspace& work) const {
   const auto sv = static_cast<std::size_t>(v);
-  const Parametrisation& p = structure_.basis.parametrisation();
+  const TailRadii& radii = structure_.basis.parametrisation().radii;
   const int n_c = structure_.constant_degree[sv], n_e = structure_.monotone_degree[sv];
   LaneValues functions;
   for (int l = 0; l < k_block_lanes; ++l) {
-    lane_constant_functions(p, work.x[sv].lane[l], n_c, functions.data());
+    lane_constant_functions(radii, work.x[sv].lane[l], n_c, functions.data());
     for (int j = 0; j <= n_c; ++j)
       work.constant_functions[static_cast<std::size_t>(j)].lane[l] = functions[static_cast<std::size_t>(j)];
-    lane_monotone_functions(p, work.x[sv].lane[l], n_e, functions.data());
+    lane_monotone_functions(radii, work.x[sv].lane[l], n_e, functions.data());
     for (int j = 0; j <= n_e; ++j)
       work.monotone_functions[static_cast<std::size_t>(j)].lane[l] = functions[static_cast<std::size_t>(j)];
   }
@@ -129,57 +113,46 @@ void MapKernel::collapse(const double* coefficients, Eigen::Index k, Workspace& 
         work.b[j]);
 }
 
-/// Φ_c a_c, and Φ_c itself, which is its gradient, to `gradient` if wanted.
-void MapKernel::constant_part(const double* coefficients, Eigen::Index k, int count, double* gradient,
-                              Eigen::Index rows, Workspace& work) const {
+/// Φ_c a_c.
+void MapKernel::constant_part(const double* coefficients, Eigen::Index k, Workspace& work) const {
   const auto sk = static_cast<std::size_t>(k);
   const MapComponent& c = structure_.components[sk];
   const double* a_c = coefficients + c.offset;
-  const auto column = [&](std::size_t m) -> const Column& {
-    return work.constant_products[static_cast<std::size_t>(constant_.of_index[sk][m])];
-  };
   weighted_sum(
-      c.constant.size(), [&](std::size_t m) { return std::pair(a_c[m], &column(m)); }, work.constant);
-  if (gradient == nullptr) return;
-  for (std::size_t m = 0; m < c.constant.size(); ++m) {
-    const Column& product = column(m);
-    emit(gradient + static_cast<Eigen::Index>(m) * rows, count, [&](int l) { return product.lane[l]; });
-  }
+      c.constant.size(),
+      [&](std::size_t m) {
+        return std::pair(a_c[m],
+                         &work.constant_products[static_cast<std::size_t>(constant_.of_index[sk][m])]);
+      },
+      work.constant);
 }
 
-/// value = ∫₀^{x_k} r(h) dθ and g_j = ∫₀^{x_k} r'(h) χ_j dθ.
-void MapKernel::integrate(Eigen::Index k, bool gradients, Workspace& work) const {
+/// value = ∫₀^{x_k} r(h) dθ.
+void MapKernel::integrate(Eigen::Index k, Workspace& work) const {
   const auto sk = static_cast<std::size_t>(k);
   const int n = structure_.components[sk].degree;
-  const Parametrisation& p = structure_.basis.parametrisation();
+  const Rectifier rectifier = structure_.basis.parametrisation().rectifier;
   const OneVariableBasis::Piece inner = structure_.basis.pieces(n).front();
   const UnitRule& rule = unit_rule(inner.nodes);
   for (int l = 0; l < k_block_lanes; ++l) {
     const Lanes x = work.x[sk].lane[l], inside = clamp(x, inner.end);
     Lanes sum{};
-    LaneValues g{}, b, functions;
+    LaneValues b, functions;
     for (int j = 0; j <= n; ++j) b[static_cast<std::size_t>(j)] = work.b[static_cast<std::size_t>(j)].lane[l];
     for (std::size_t q = 0; q < rule.node.size(); ++q) {
-      lane_inner_functions(p.basis, inside * rule.node[q], n, functions.data());
+      lane_polynomials(inside * rule.node[q], n, functions.data());
       Lanes h = b[0];
       for (std::size_t j = 1; j <= static_cast<std::size_t>(n); ++j) h += b[j] * functions[j];
-      const RectifiedLanes r = lane_rectify(p.rectifier, h);
-      sum += rule.weight[q] * r.value;
-      if (!gradients) continue;
-      const Lanes slope = rule.weight[q] * r.first;
-      g[0] += slope;
-      for (std::size_t j = 1; j <= static_cast<std::size_t>(n); ++j) g[j] += slope * functions[j];
+      sum += rule.weight[q] * lane_rectify(rectifier, h);
     }
     work.value.lane[l] = inside * sum;
-    for (int j = 0; gradients && j <= n; ++j)
-      work.g[static_cast<std::size_t>(j)].lane[l] = inside * g[static_cast<std::size_t>(j)];
     for (int i = 0; i < k_lane_width; ++i)
-      if (std::abs(x[i]) > inner.end) integrate_tail(k, l, i, gradients, work);
+      if (std::abs(x[i]) > inner.end) integrate_tail(k, l, i, work);
   }
 }
 
 /// Adds what lies between the inner radius and x_k, for one point.
-void MapKernel::integrate_tail(Eigen::Index k, int lane, int at, bool gradients, Workspace& work) const {
+void MapKernel::integrate_tail(Eigen::Index k, int lane, int at, Workspace& work) const {
   const auto sk = static_cast<std::size_t>(k);
   const int n = structure_.components[sk].degree;
   const OneVariableBasis& basis = structure_.basis;
@@ -195,11 +168,8 @@ void MapKernel::integrate_tail(Eigen::Index k, int lane, int at, bool gradients,
       double h = 0;
       for (std::size_t j = 0; j <= static_cast<std::size_t>(n); ++j)
         h += work.b[j].lane[lane][at] * functions[j];
-      const Rectified r = rectify(basis.parametrisation().rectifier, h);
-      const double weight = sign * width * rule.weight[q];
-      work.value.lane[lane][at] += weight * r.value;
-      for (std::size_t j = 0; gradients && j <= static_cast<std::size_t>(n); ++j)
-        work.g[j].lane[lane][at] += weight * r.first * functions[j];
+      work.value.lane[lane][at] +=
+          sign * width * rule.weight[q] * rectify(basis.parametrisation().rectifier, h).value;
     }
     if (length <= piece.end) return;
     outside = true;
@@ -215,30 +185,8 @@ void MapKernel::finish_component(Eigen::Index k, Workspace& work) const {
     Lanes h = work.b[0].lane[l];
     for (std::size_t j = 1; j <= static_cast<std::size_t>(n); ++j)
       h += work.b[j].lane[l] * work.monotone_functions[j].lane[l];
-    const LogRectifiedLanes log_r = lane_log_rectify(rectifier, h);
-    work.log_slope.lane[l] = log_r.value;
-    work.relative_slope.lane[l] = log_r.slope;
     work.value.lane[l] += work.constant.lane[l];
-    work.log_determinant.lane[l] += log_r.value;
-  }
-}
-
-void MapKernel::monotone_gradients(Eigen::Index k, int count, Eigen::Index first, const Output& out,
-                                   const Workspace& work) const {
-  const auto sk = static_cast<std::size_t>(k);
-  const auto& groups = terms_[sk];
-  double* value = out.value_gradient[sk] + structure_.components[sk].constant_count() * out.rows + first;
-  double* log_slope = out.log_slope_gradient[sk] + first;
-  for (std::size_t j = 0; j < groups.size(); ++j) {
-    Column relative;
-    for (int l = 0; l < k_block_lanes; ++l)
-      relative.lane[l] = work.monotone_functions[j].lane[l] * work.relative_slope.lane[l];
-    for (const Term& term : groups[j]) {
-      const Column& product = work.monotone_products[static_cast<std::size_t>(term.product)];
-      emit(value + term.index * out.rows, count, [&](int l) { return product.lane[l] * work.g[j].lane[l]; });
-      emit(log_slope + term.index * out.rows, count,
-           [&](int l) { return product.lane[l] * relative.lane[l]; });
-    }
+    work.log_determinant.lane[l] += lane_log_rectify(rectifier, h);
   }
 }
 
@@ -255,26 +203,22 @@ void load(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Index v, Eigen
 }  // namespace
 
 void MapKernel::evaluate(const double* coefficients, const Eigen::Ref<const Eigen::MatrixXd>& points,
-                         Eigen::Index first, Eigen::Index count, const Output& out) const {
-  const Eigen::Index d = structure_.dimension();
-  const bool gradients = !out.value_gradient.empty();
+                         Eigen::MatrixXd& value, Eigen::VectorXd& log_determinant) const {
+  const Eigen::Index n = points.rows(), d = structure_.dimension();
   Workspace work(*this);
-  for (const Eigen::Index end = first + count; first < end; first += k_block_points) {
-    const int here = static_cast<int>(std::min<Eigen::Index>(k_block_points, end - first));
+  for (Eigen::Index first = 0; first < n; first += k_block_points) {
+    const int here = static_cast<int>(std::min<Eigen::Index>(k_block_points, n - first));
     work.log_determinant = Column{};
     for (Eigen::Index k = 0; k < d; ++k) {
-      const auto sk = static_cast<std::size_t>(k);
-      load(points, k, first, here, work.x[sk]);
+      load(points, k, first, here, work.x[static_cast<std::size_t>(k)]);
       collapse(coefficients, k, work);
-      constant_part(coefficients, k, here, gradients ? out.value_gradient[sk] + first : nullptr, out.rows,
-                    work);
-      integrate(k, gradients, work);
+      constant_part(coefficients, k, work);
+      integrate(k, work);
       fill_functions(k, k + 1 < d, work);
       finish_component(k, work);
-      store(work.value, out.value + k * out.rows + first, here);
-      if (gradients) monotone_gradients(k, here, first, out, work);
+      store(work.value, value.data() + k * n + first, here);
     }
-    store(work.log_determinant, out.log_determinant + first, here);
+    store(work.log_determinant, log_determinant.data() + first, here);
   }
 }
 
@@ -284,18 +228,18 @@ void MapKernel::solve_inside(Eigen::Index k, Workspace& work) const {
   constexpr int k_iterations = 60;
   const auto sk = static_cast<std::size_t>(k);
   const int n = structure_.components[sk].degree;
-  const Parametrisation& p = structure_.basis.parametrisation();
+  const Rectifier rectifier = structure_.basis.parametrisation().rectifier;
   const OneVariableBasis::Piece inner = structure_.basis.pieces(n).front();
-  const double radius = std::min(inner.end, 16.0);  // plain polynomials have no radius
+  const double radius = inner.end;
   const UnitRule& rule = unit_rule(inner.nodes);
   for (int l = 0; l < k_block_lanes; ++l) {
     LaneValues b, functions;
     for (int j = 0; j <= n; ++j) b[static_cast<std::size_t>(j)] = work.b[static_cast<std::size_t>(j)].lane[l];
     const auto rectified = [&](Lanes t) {
-      lane_inner_functions(p.basis, t, n, functions.data());
+      lane_polynomials(t, n, functions.data());
       Lanes h = b[0];
       for (std::size_t j = 1; j <= static_cast<std::size_t>(n); ++j) h += b[j] * functions[j];
-      return lane_rectify(p.rectifier, h).value;
+      return lane_rectify(rectifier, h);
     };
     const auto residual = [&](Lanes t) {
       Lanes sum{};
@@ -329,21 +273,21 @@ void MapKernel::solve_inside(Eigen::Index k, Workspace& work) const {
 }
 
 void MapKernel::invert(const double* coefficients, const Eigen::Ref<const Eigen::MatrixXd>& z,
-                       Eigen::Index first, Eigen::Index count, Eigen::MatrixXd& x) const {
-  const Eigen::Index d = structure_.dimension();
+                       Eigen::MatrixXd& x) const {
+  const Eigen::Index n = z.rows(), d = structure_.dimension();
   Workspace work(*this);
   PointEvaluation point(structure_, coefficients);
   Column target;
-  for (const Eigen::Index end = first + count; first < end; first += k_block_points) {
-    const int here = static_cast<int>(std::min<Eigen::Index>(k_block_points, end - first));
+  for (Eigen::Index first = 0; first < n; first += k_block_points) {
+    const int here = static_cast<int>(std::min<Eigen::Index>(k_block_points, n - first));
     for (Eigen::Index k = 0; k < d; ++k) {
       const auto sk = static_cast<std::size_t>(k);
       load(z, k, first, here, target);
       collapse(coefficients, k, work);
-      constant_part(coefficients, k, here, nullptr, 0, work);
+      constant_part(coefficients, k, work);
       for (int l = 0; l < k_block_lanes; ++l) work.constant.lane[l] -= target.lane[l];
       solve_inside(k, work);
-      double* solution = x.data() + k * x.rows() + first;
+      double* solution = x.data() + k * n + first;
       store(work.x[sk], solution, here);
       for (int i = 0; i < here; ++i)
         if (std::isnan(solution[i])) {

@@ -21,8 +21,7 @@ void check_set(std::vector<MultiIndex>& set, const char* name, std::size_t compo
     for (const auto& [variable, degree] : index.factors) {
       if (variable <= last || degree < 1)
         throw UsageError(where() +
-                         ": factors of an index must have increasing variables and degrees of at "
-                         "least 1 (multi_index makes them)");
+                         ": factors of an index must have increasing variables and degrees of at least 1");
       if (variable >= variables)
         throw UsageError(fmt::format("{}: an index contains variable {}; only those below {} may be there",
                                      where(), variable, variables));

@@ -24,16 +24,9 @@ struct MultiIndex {
   friend bool operator==(const MultiIndex& a, const MultiIndex& b) { return a.factors == b.factors; }
 };
 
-/// A multi-index from its degrees, one per variable: {2, 0, 1} is x_0² x_2. Errors: UsageError for a negative
-/// degree.
-[[nodiscard]] MultiIndex multi_index(std::span<const int> degrees);
-
 /// All multi-indices in `variables` ≥ 0 variables with sum of degrees ≤ `order`, by increasing sum: the set
 /// of a lower order is the beginning of that of a higher one.
 [[nodiscard]] std::vector<MultiIndex> total_order_indices(int variables, int order);
-
-/// Π (α_i + 1) ≤ order + 1: few mixed terms, the set for many variables. By increasing sum of degrees.
-[[nodiscard]] std::vector<MultiIndex> hyperbolic_cross_indices(int variables, int order);
 
 /// Σ α_i / orders_i ≤ 1, one order per variable (0: the variable is absent): the total-order set, stretched.
 /// By increasing sum.
@@ -42,12 +35,5 @@ struct MultiIndex {
 /// Those of `set` in which only the variables `allowed` occur.
 [[nodiscard]] std::vector<MultiIndex> restricted_to(const std::vector<MultiIndex>& set,
                                                     std::span<const int> allowed);
-
-/// α such that every index below α is in the set (with α itself not in it): the candidates of a greedy growth
-/// in `variables` variables that keeps a downward-closed set closed.
-[[nodiscard]] std::vector<MultiIndex> reduced_margin(const std::vector<MultiIndex>& set, int variables);
-
-/// Every index below one in the set is in the set too.
-[[nodiscard]] bool is_downward_closed(const std::vector<MultiIndex>& set);
 
 }  // namespace knothe::transport

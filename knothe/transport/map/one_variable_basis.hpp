@@ -1,16 +1,6 @@
 #pragma once
-/// @file The one-variable functions of a map, for every choice of family and tails, and how products and
-/// rectified sums of them are integrated over [0, x].
-///
-///                      Φ_c                                  Φ_e
-///   hermite, bent      ĥ_j, tangents beyond r_c             ĥ_j∘τ, constant beyond r_e + 2δ
-///   hermite, tangent   ĥ_j, tangents beyond r_c             the same
-///   hermite, polynomial  ĥ_j (constant beyond 1e6, so that nothing overflows), both
-///   hermite_functions, bent      φ_j                        φ_j∘τ
-///   hermite_functions, others    φ_j                        φ_j
-///
-/// with φ_0 = 1, φ_1 = x, φ_j = ĥ_{j−2}(x) exp(−x²/4): these decay and need no other tail. τ:
-/// tailed_hermite.hpp.
+/// @file The one-variable functions of a map (tailed_hermite.hpp: tangents for Φ_c, level tails for Φ_e), and
+/// how rectified sums of them are integrated over [0, x].
 #include <array>
 #include <span>
 #include <vector>
@@ -18,11 +8,6 @@
 #include "knothe/transport/map/parametrisation.hpp"
 
 namespace knothe::transport {
-
-/// Where plain polynomials stop growing: of degree 15, squared, they are still finite there.
-inline constexpr double k_polynomial_limit = 1e6;
-/// From here on the Hermite functions of every degree ≤ k_max_order are below 1e-300.
-inline constexpr double k_hermite_functions_end = 60;
 
 /// Σ_q weight[q] f(node[q]) for ∫₀ˣ f dθ. Weights have the sign of x.
 struct IntegrationRule {
@@ -42,15 +27,23 @@ class OneVariableBasis {
   [[nodiscard]] const Parametrisation& parametrisation() const { return parametrisation_; }
 
   /// The functions 0 … n ≤ k_max_order of Φ_c at x with first and second derivatives.
-  void constant(double x, int n, Values& value, Values& first, Values& second) const;
+  void constant(double x, int n, Values& value, Values& first, Values& second) const {
+    hermite_.tangent(x, n, value, first, second);
+  }
   /// Those of Φ_e.
-  void monotone(double x, int n, Values& value, Values& first, Values& second) const;
-  void monotone(double x, int n, Values& value) const;
+  void monotone(double x, int n, Values& value, Values& first, Values& second) const {
+    hermite_.level(x, n, value, first, second);
+  }
+  void monotone(double x, int n, Values& value) const { hermite_.level(x, n, value); }
+  /// ∫₀ˣ of the products of two functions of Φ_e (TailedHermite).
+  void product_integrals(double x, int n, std::span<double> packed) const {
+    hermite_.product_integrals(x, n, packed);
+  }
 
   /// The pieces on which r(h(θ)), h spanned by the monotone functions 0 … degree, is integrated, for θ > 0;
-  /// those for θ < 0 mirror them. Exact for the square of the Hermite families' polynomials. Otherwise the
-  /// numbers of nodes are measured (docs/explanation/transport.md) for a relative error of 1e-13 with
-  /// coefficients of usual size, where |x| ≤ 8; far out the error may be larger, the sum stays positive.
+  /// those for θ < 0 mirror them. Exact for the square. Otherwise the numbers of nodes are measured
+  /// (docs/explanation/transport.md) for a relative error of 1e-13 with coefficients of usual size, where |x|
+  /// ≤ 8; far out the error may be larger, the sum stays positive.
   [[nodiscard]] std::span<const Piece> pieces(int degree) const {
     return pieces_[static_cast<std::size_t>(degree)];
   }

@@ -58,14 +58,6 @@ void PointEvaluation::set(Eigen::Index variable, double x) {
                             monotone_.second[v]);
 }
 
-double PointEvaluation::constant_product(const MultiIndex& index, Eigen::Index k) const {
-  return constant_.product(index, static_cast<int>(k), -1, -1);
-}
-
-double PointEvaluation::monotone_product(const MultiIndex& index, Eigen::Index k) const {
-  return monotone_.product(index, static_cast<int>(k), -1, -1);
-}
-
 double PointEvaluation::constant_part(Eigen::Index k, int a, int b) const {
   const MapComponent& c = structure_.components[static_cast<std::size_t>(k)];
   const double* a_c = coefficients_ + c.offset;
@@ -134,34 +126,6 @@ void PointEvaluation::derivatives(Eigen::Index k, bool with_second, Derivatives&
   if (!with_second) return;
   for (int a = 0; a < kk; ++a) entry(kk, a) = r.first * dot(b_a[static_cast<std::size_t>(a)], here, n);
   entry(kk, kk) = r.first * dot(b, monotone_.first[sk], n);
-}
-
-/// ∂M/∂a_{e,α} = Φ'_α g_{α_k} with Φ' the product over i < k and g_j = ∫₀^{x_k} r'(h) χ_j dθ;
-/// ∂ log r(h)/∂a_{e,α} = Φ'_α χ_{α_k}(x_k) r'/r.
-void PointEvaluation::coefficient_gradients(Eigen::Index k, std::vector<double>& value,
-                                            std::vector<double>& log_slope) {
-  const auto sk = static_cast<std::size_t>(k);
-  const MapComponent& c = structure_.components[sk];
-  const int n = c.degree;
-  const Rectifier rectifier = structure_.basis.parametrisation().rectifier;
-  Values b{}, g{}, functions{};
-  value.assign(c.constant.size() + c.monotone.size(), 0);
-  log_slope.assign(value.size(), 0);
-  collapse(k, b);
-  structure_.basis.integration_rule(x_[sk], n, rule_);
-  for (std::size_t q = 0; q < rule_.node.size(); ++q) {
-    structure_.basis.monotone(rule_.node[q], n, functions);
-    const double slope = rule_.weight[q] * rectify(rectifier, dot(b, functions, n)).first;
-    for (std::size_t j = 0; j <= static_cast<std::size_t>(n); ++j) g[j] += slope * functions[j];
-  }
-  const double relative = log_rectified_slope(rectifier, dot(b, monotone_.value[sk], n));
-  for (std::size_t m = 0; m < c.constant.size(); ++m) value[m] = constant_product(c.constant[m], k);
-  for (std::size_t m = 0; m < c.monotone.size(); ++m) {
-    const auto degree = static_cast<std::size_t>(c.monotone[m].degree_of(static_cast<int>(k)));
-    const double prefix = monotone_product(c.monotone[m], k);
-    value[c.constant.size() + m] = prefix * g[degree];
-    log_slope[c.constant.size() + m] = prefix * monotone_.value[sk][degree] * relative;
-  }
 }
 
 double PointEvaluation::solve(Eigen::Index k, double target) {

@@ -22,9 +22,6 @@ class PointEvaluation {
   /// h(·, θ) of component k collapsed to one variable, h = Σ_j b_j χ_j(θ): b_j = Σ_{α: α_k = j} a_α Π_{i<k}
   /// χ_{α_i}(x_i), or its derivative.
   void collapse(Eigen::Index k, Values& out, int a = -1, int b = -1) const;
-  /// Π_{i<k} of the factors of an index of Φ_c or Φ_e of component k.
-  [[nodiscard]] double constant_product(const MultiIndex& index, Eigen::Index k) const;
-  [[nodiscard]] double monotone_product(const MultiIndex& index, Eigen::Index k) const;
 
   /// Derivatives of M^k, with x_k the value set last.
   struct Derivatives {
@@ -33,9 +30,6 @@ class PointEvaluation {
     std::vector<double> second;  ///< ∂_ab M^k by sampling::packed_index, if asked for
   };
   void derivatives(Eigen::Index k, bool with_second, Derivatives& out);
-
-  /// Gradients of M^k and of log ∂_k M^k in the coefficients of component k; `log_slope` is zero for a_c.
-  void coefficient_gradients(Eigen::Index k, std::vector<double>& value, std::vector<double>& log_slope);
 
   /// t with Φ_c a_c + ∫₀ᵗ r(Σ b_j χ_j) dθ = target for component k: an increasing function of t; a bracket is
   /// grown from 0, then Newton's method is kept inside it by bisection.

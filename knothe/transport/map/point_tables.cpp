@@ -156,27 +156,11 @@ void PointTables::tabulate_integrals(const OneVariableBasis& basis, Eigen::Index
   Eigen::MatrixXd& table = integrals_[static_cast<std::size_t>(k)];
   table.resize(n, packed);
   const int degree = static_cast<int>(degrees) - 1;
-  const auto& p = basis.parametrisation();
-  const bool is_fast = p.basis == BasisFamily::hermite && p.tails == Tails::bent;
-  const TailedHermite bent(p.radii);
   std::vector<double> sums(static_cast<std::size_t>(packed));
-  IntegrationRule rule;
-  OneVariableBasis::Values values{};
   for_each_coordinate(
       points_.col(k),
       [&](Eigen::Index i, double x) {
-        if (is_fast) {
-          bent.product_integrals(x, degree, sums);
-        } else {
-          std::fill(sums.begin(), sums.end(), 0.0);
-          basis.integration_rule(x, degree, rule);
-          for (std::size_t q = 0; q < rule.node.size(); ++q) {
-            basis.monotone(rule.node[q], degree, values);
-            std::size_t at = 0;
-            for (std::size_t j = 0; j < static_cast<std::size_t>(degrees); ++j)
-              for (std::size_t l = 0; l <= j; ++l) sums[at++] += rule.weight[q] * values[j] * values[l];
-          }
-        }
+        basis.product_integrals(x, degree, sums);
         for (Eigen::Index j = 0; j < packed; ++j) table(i, j) = sums[static_cast<std::size_t>(j)];
       },
       [&](Eigen::Index i, Eigen::Index from) { table.row(i) = table.row(from); });

@@ -8,7 +8,6 @@
 #include <map>
 
 #include "knothe/base/error.hpp"
-#include "knothe/base/threads.hpp"
 #include "knothe/sampling/log_density.hpp"
 #include "knothe/transport/map/point_evaluation.hpp"
 
@@ -37,18 +36,6 @@ void embed_set(const std::vector<MultiIndex>& from, const double* values, const 
     }
     out[at] = values[m];
   }
-}
-
-/// Runs `body(first, count)` over chunks of whole blocks. What a chunk is does not depend on `threads`.
-template <class Body>
-void for_chunks(Eigen::Index n, int threads, const Body& body) {
-  constexpr Eigen::Index k_chunk = 8 * k_block_points;
-  const Eigen::Index chunks = (n + k_chunk - 1) / k_chunk;
-  parallel_for(static_cast<std::size_t>(chunks), static_cast<std::size_t>(std::max(threads, 0)),
-               [&](std::size_t c) {
-                 const Eigen::Index first = static_cast<Eigen::Index>(c) * k_chunk;
-                 body(first, std::min(k_chunk, n - first));
-               });
 }
 
 /// "x1^2 x3", counted from 1 as in the formulas.
@@ -85,8 +72,7 @@ void MapBatch::resize(Eigen::Index n, Eigen::Index d, int derivatives) {
 }
 
 TriangularMap::TriangularMap(Eigen::Index dimension, int order, TailRadii radii)
-    : TriangularMap(
-          total_order_map(dimension, order, {Rectifier::square, BasisFamily::hermite, Tails::bent, radii})) {}
+    : TriangularMap(total_order_map(dimension, order, {Rectifier::square, radii})) {}
 
 TriangularMap::TriangularMap(MapSpecification specification)
     : kernel_(std::make_shared<const MapKernel>(std::move(specification))) {
@@ -126,7 +112,6 @@ void TriangularMap::embed(const TriangularMap& lower) {
 }
 
 std::string TriangularMap::describe() const {
-  const Parametrisation& p = parametrisation();
   std::string text;
   for (Eigen::Index k = 0; k < dimension(); ++k) {
     const MapComponent& c = component(k);
@@ -134,9 +119,8 @@ std::string TriangularMap::describe() const {
     int degree = 0;
     for (const auto* set : {&c.constant, &c.monotone})
       for (const MultiIndex& index : *set) degree = std::max(degree, index.total);
-    text += fmt::format("component {}: {} of {}, {} tails, {} + {} terms of degree up to {}; ", k + 1,
-                        to_string(p.rectifier), to_string(p.basis), to_string(p.tails), c.constant.size(),
-                        c.monotone.size(), degree);
+    text += fmt::format("component {}: {} of hermite, bent tails, {} + {} terms of degree up to {}; ", k + 1,
+                        to_text(parametrisation().rectifier), c.constant.size(), c.monotone.size(), degree);
     text += fmt::format("largest: {}; inside the integral: {}\n", largest_terms(c.constant, a_c),
                         largest_terms(c.monotone, a_c + c.constant_count()));
   }
@@ -150,8 +134,7 @@ void TriangularMap::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, in
   assert(points.cols() == d);
   out.resize(n, d, derivatives);
   if (derivatives == 0) {
-    kernel_->evaluate(coefficients_.data(), points, 0, n,
-                      {n, out.value.data(), out.log_determinant.data(), {}, {}});
+    kernel_->evaluate(coefficients_.data(), points, out.value, out.log_determinant);
     return;
   }
   out.jacobian.setZero();
@@ -185,48 +168,10 @@ Eigen::VectorXd TriangularMap::log_determinant(const Eigen::Ref<const Eigen::Mat
   return std::move(batch.log_determinant);
 }
 
-void TriangularMap::coefficient_gradients(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Index k,
-                                          Eigen::MatrixXd& value, Eigen::MatrixXd& log_slope) const {
-  const MapComponent& c = component(k);
-  const Eigen::Index n = points.rows(), count = c.constant_count() + c.monotone_count();
-  value.resize(n, count);
-  log_slope.resize(n, count);
-  PointEvaluation at(structure(), coefficients_.data());
-  std::vector<double> of_value, of_slope;
-  for (Eigen::Index i = 0; i < n; ++i) {
-    for (Eigen::Index v = 0; v <= k; ++v) at.set(v, points(i, v));
-    at.coefficient_gradients(k, of_value, of_slope);
-    value.row(i) = Eigen::Map<const Eigen::RowVectorXd>(of_value.data(), count);
-    log_slope.row(i) = Eigen::Map<const Eigen::RowVectorXd>(of_slope.data(), count);
-  }
-}
-
-void TriangularMap::evaluate_with_coefficient_gradients(const Eigen::Ref<const Eigen::MatrixXd>& points,
-                                                        CoefficientBatch& out, int threads) const {
-  assert(points.cols() == dimension());
-  const Eigen::Index n = points.rows(), d = dimension();
-  out.value.resize(n, d);
-  out.log_determinant.resize(n);
-  out.value_gradient.resize(static_cast<std::size_t>(d));
-  out.log_slope_gradient.resize(static_cast<std::size_t>(d));
-  MapKernel::Output rows{n, out.value.data(), out.log_determinant.data(), {}, {}};
-  for (Eigen::Index k = 0; k < d; ++k) {
-    auto& value = out.value_gradient[static_cast<std::size_t>(k)];
-    auto& log_slope = out.log_slope_gradient[static_cast<std::size_t>(k)];
-    value.resize(n, component(k).constant_count() + component(k).monotone_count());
-    log_slope.resize(n, component(k).monotone_count());
-    rows.value_gradient.push_back(value.data());
-    rows.log_slope_gradient.push_back(log_slope.data());
-  }
-  for_chunks(n, threads, [&](Eigen::Index first, Eigen::Index count) {
-    kernel_->evaluate(coefficients_.data(), points, first, count, rows);
-  });
-}
-
 Eigen::MatrixXd TriangularMap::inverse(const Eigen::Ref<const Eigen::MatrixXd>& z) const {
   assert(z.cols() == dimension());
   Eigen::MatrixXd x(z.rows(), z.cols());
-  kernel_->invert(coefficients_.data(), z, 0, z.rows(), x);
+  kernel_->invert(coefficients_.data(), z, x);
   return x;
 }
 

@@ -24,14 +24,6 @@ struct MapBatch {
   void resize(Eigen::Index n, Eigen::Index d, int derivatives);
 };
 
-/// Map, log-determinant and their gradients in the coefficients at n points: what training needs.
-struct CoefficientBatch {
-  Eigen::MatrixXd value;                            ///< n × d
-  Eigen::VectorXd log_determinant;                  ///< n
-  std::vector<Eigen::MatrixXd> value_gradient;      ///< per component n × (n_c + n_e): ∂M^k/∂a
-  std::vector<Eigen::MatrixXd> log_slope_gradient;  ///< per component n × n_e: ∂ log ∂_k M^k / ∂a_e
-};
-
 class TriangularMap {
  public:
   TriangularMap() = default;
@@ -67,15 +59,6 @@ class TriangularMap {
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives, MapBatch& out) const;
   [[nodiscard]] Eigen::MatrixXd evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points) const;
   [[nodiscard]] Eigen::VectorXd log_determinant(const Eigen::Ref<const Eigen::MatrixXd>& points) const;
-
-  /// ∂M^k(x)/∂a and ∂ log (∂_k M^k)/∂a for the coefficients of component k, n × (n_c + n_e) each.
-  void coefficient_gradients(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Index k,
-                             Eigen::MatrixXd& value, Eigen::MatrixXd& log_slope) const;
-
-  /// Values, log-determinant and all coefficient gradients at once, the training loop of a map at points that
-  /// change: blocks of points, contiguous columns, `threads` threads (results do not depend on their number).
-  void evaluate_with_coefficient_gradients(const Eigen::Ref<const Eigen::MatrixXd>& points,
-                                           CoefficientBatch& out, int threads = 1) const;
 
   /// x with M(x) = z, component by component: bracketing, then Newton inside the bracket; |M(x) − z| ≤ 1e-12
   /// (1 + |z|) wherever the slope allows. Finite for every finite z unless M^k is bounded, which a map with h

@@ -1,13 +1,11 @@
-/// @file Speed of the kernel: value, log-determinant and all coefficient gradients at 10,000 points, and the
-/// inverse, for every rectifier. Prints machine, threads, median and p99 of the time, points per second.
+/// @file Speed of the kernel: value and log-determinant at 10,000 points, and the inverse, for every
+/// rectifier. Prints machine, median and p99 of the time, points per second.
 ///
 /// Usage: triangular_map_bench [repetitions]
-/// One thread is timed by its processor time (other programs on the machine do not count), two threads by the
-/// clock, so that their gain can be seen only on an idle machine.
+/// Timed by processor time: other programs on the machine do not count.
 #include <time.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
@@ -34,22 +32,18 @@ double processor_seconds() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-double clock_seconds() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
 struct Timing {
   double median, p99;
 };
 
-template <class Now, class Body>
-Timing time_of(int repetitions, const Now& now, const Body& body) {
+template <class Body>
+Timing time_of(int repetitions, const Body& body) {
   body();  // buffers are there from the second call on
   std::vector<double> seconds;
   for (int i = 0; i < repetitions; ++i) {
-    const double start = now();
+    const double start = processor_seconds();
     body();
-    seconds.push_back(now() - start);
+    seconds.push_back(processor_seconds() - start);
   }
   std::sort(seconds.begin(), seconds.end());
   return {seconds[seconds.size() / 2], seconds[seconds.size() * 99 / 100]};
@@ -62,7 +56,7 @@ void print(const char* what, Eigen::Index points, const Timing& t) {
 
 void measure(Rectifier rectifier, Eigen::Index d, int order, int repetitions) {
   constexpr Eigen::Index k_points = 10'000;
-  TriangularMap map(total_order_map(d, order, {rectifier, BasisFamily::hermite, Tails::bent, {}}));
+  TriangularMap map(total_order_map(d, order, {rectifier, {}}));
   std::mt19937 generator(1);
   std::normal_distribution<double> normal;
   Eigen::VectorXd a = map.coefficients();
@@ -70,21 +64,12 @@ void measure(Rectifier rectifier, Eigen::Index d, int order, int repetitions) {
   map.set_coefficients(a);
   Eigen::MatrixXd x(k_points, d);
   for (Eigen::Index i = 0; i < x.size(); ++i) x.data()[i] = normal(generator);
-  CoefficientBatch batch;
   MapBatch plain;
-  std::printf("%s, d = %ld, order %d, %ld coefficients\n", to_string(rectifier).c_str(), static_cast<long>(d),
+  std::printf("%s, d = %ld, order %d, %ld coefficients\n", to_text(rectifier).c_str(), static_cast<long>(d),
               order, static_cast<long>(a.size()));
-  print("value, log det, both gradients", k_points,
-        time_of(repetitions, processor_seconds, [&] { map.evaluate_with_coefficient_gradients(x, batch); }));
-  print("  two threads, by the clock", k_points,
-        time_of(repetitions, clock_seconds, [&] { map.evaluate_with_coefficient_gradients(x, batch, 2); }));
-  print("  one thread, by the clock", k_points,
-        time_of(repetitions, clock_seconds, [&] { map.evaluate_with_coefficient_gradients(x, batch, 1); }));
-  print("value, log det", k_points,
-        time_of(repetitions, processor_seconds, [&] { map.evaluate(x, 0, plain); }));
+  print("value, log det", k_points, time_of(repetitions, [&] { map.evaluate(x, 0, plain); }));
   Eigen::MatrixXd back;
-  print("inverse", k_points,
-        time_of(repetitions, processor_seconds, [&] { back = map.inverse(plain.value); }));
+  print("inverse", k_points, time_of(repetitions, [&] { back = map.inverse(plain.value); }));
   std::printf("  largest error of the inverse %.1e\n", (back - x).cwiseAbs().maxCoeff());
 }
 

@@ -214,34 +214,6 @@ TEST(ComposedMap, LogDensityIntegratesToOne) {
   EXPECT_NEAR(mass, 1, 1e-6);
 }
 
-TEST(TriangularMap, CoefficientGradientsAgainstFiniteDifferences) {
-  TriangularMap map = random_map(3, 3, 7);
-  const Eigen::MatrixXd x = random_points(12, 3, 8, 2);
-  const Eigen::VectorXd a = map.coefficients();
-  for (Eigen::Index k = 0; k < 3; ++k) {
-    Eigen::MatrixXd value, log_slope;
-    map.coefficient_gradients(x, k, value, log_slope);
-    const auto& c = map.component(k);
-    for (Eigen::Index m = 0; m < c.constant_count() + c.monotone_count(); ++m) {
-      const double e = 1e-6;
-      Eigen::VectorXd moved = a;
-      MapBatch up, down;
-      moved[c.offset + m] = a[c.offset + m] + e;
-      map.set_coefficients(moved);
-      map.evaluate(x, 0, up);
-      moved[c.offset + m] = a[c.offset + m] - e;
-      map.set_coefficients(moved);
-      map.evaluate(x, 0, down);
-      for (Eigen::Index i = 0; i < x.rows(); ++i) {
-        EXPECT_NEAR(value(i, m), (up.value(i, k) - down.value(i, k)) / (2 * e),
-                    1e-6 * (1 + std::abs(value(i, m))));
-        EXPECT_NEAR(log_slope(i, m), (up.log_determinant[i] - down.log_determinant[i]) / (2 * e),
-                    1e-5 * (1 + log_slope(i, m) * log_slope(i, m)));
-      }
-    }
-  }
-}
-
 TEST(TriangularMap, InverseRoundTrip) {
   for (Eigen::Index d : {1, 2, 4})
     for (int order : {1, 3, 6}) {

@@ -56,57 +56,46 @@ TrainingTables::TrainingTables(numerics::PointRule training_rule, const Triangul
   }
 }
 
-OuterMap OuterMap::of(const AffineMap& pre_map) {
-  return {pre_map.matrix(), pre_map.shift.transpose(), pre_map.log_determinant(), {}};
-}
-
-void KullbackLeiblerObjective::begin(const TrainingTables& tables, OuterMap outer,
+void KullbackLeiblerObjective::begin(const TrainingTables& tables, const AffineMap& pre_map,
                                      sampling::CheckedDensity& target, double highest_log_density) {
-  const auto r = static_cast<Eigen::Index>(tables.layout.components().size());
-  if (outer.inner_dimension() != r || outer.outer_dimension() != target.dimension() ||
-      outer.offset.cols() != target.dimension() ||
-      (outer.offset.rows() != 1 && outer.offset.rows() != tables.size()) ||
-      (outer.log_reference.size() != 0 && outer.log_reference.size() != tables.size()))
+  const auto d = static_cast<Eigen::Index>(tables.layout.components().size());
+  if (pre_map.dimension() != d || target.dimension() != d)
     throw UsageError(
-        fmt::format("Kullback-Leibler objective: a map in {} variables at {} points for a density in {}, but "
-                    "the outer map "
-                    "is {} x {} with an offset of {} x {}",
-                    r, tables.size(), target.dimension(), outer.matrix.rows(), outer.matrix.cols(),
-                    outer.offset.rows(), outer.offset.cols()));
+        fmt::format("Kullback-Leibler objective: a map in {} variables, a pre-map in {} and a density in {}",
+                    d, pre_map.dimension(), target.dimension()));
   tables_ = &tables;
   target_ = &target;
-  outer_ = std::move(outer);
+  matrix_ = pre_map.matrix();
+  offset_ = pre_map.shift;
+  pre_log_determinant_ = pre_map.log_determinant();
   floor_ = highest_log_density - 1000;
-  const auto d = static_cast<std::size_t>(r);
-  component_.resize(d), step_component_.resize(d), sensitivity_.resize(d), log_basis_.resize(d);
+  const auto components = static_cast<std::size_t>(d);
+  component_.resize(components), step_component_.resize(components);
+  sensitivity_.resize(components), log_basis_.resize(components);
   last_.resize(0), curvature_at_.resize(0);
 }
 
 bool KullbackLeiblerObjective::map_points(const Eigen::VectorXd& a, int derivatives) {
-  const Eigen::Index n = tables_->size(), r = outer_.inner_dimension(), d = outer_.outer_dimension();
-  log_determinant_.setConstant(n, outer_.log_determinant);
-  for (Eigen::Index k = 0; k < r; ++k) {
+  const Eigen::Index n = tables_->size(), d = matrix_.rows();
+  log_determinant_.setConstant(n, pre_log_determinant_);
+  for (Eigen::Index k = 0; k < d; ++k) {
     auto& c = component_[static_cast<std::size_t>(k)];
     if (!c.evaluate(tables_->points, tables_->layout, k, a, derivatives)) return false;
     log_determinant_ += c.log_slope;
   }
   z_.resize(n, d);
   for (Eigen::Index i = 0; i < d; ++i) {
-    if (outer_.offset.rows() == 1)
-      z_.col(i).setConstant(outer_.offset(0, i));
-    else
-      z_.col(i) = outer_.offset.col(i);
-    for (Eigen::Index j = 0; j < r; ++j)
-      if (outer_.matrix(i, j) != 0)
-        z_.col(i) += outer_.matrix(i, j) * component_[static_cast<std::size_t>(j)].value;
+    z_.col(i).setConstant(offset_[i]);
+    for (Eigen::Index j = 0; j < d; ++j)
+      if (matrix_(i, j) != 0) z_.col(i) += matrix_(i, j) * component_[static_cast<std::size_t>(j)].value;
   }
   return std::isfinite(z_.sum()) && std::isfinite(log_determinant_.sum());
 }
 
 void KullbackLeiblerObjective::pull_back(int derivatives) {
-  const Eigen::Index n = z_.rows(), d = z_.cols(), r = outer_.inner_dimension();
+  const Eigen::Index n = z_.rows(), d = z_.cols();
   const auto& w = tables_->rule.weights;
-  const auto& m = outer_.matrix;
+  const auto& m = matrix_;
   for (Eigen::Index i = 0; i < n; ++i) {
     if (batch_.value[i] != -std::numeric_limits<double>::infinity()) continue;
     batch_.value[i] = floor_;
@@ -114,16 +103,16 @@ void KullbackLeiblerObjective::pull_back(int derivatives) {
     if (derivatives >= 2) batch_.hessian.row(i).setZero();
   }
   if (derivatives >= 1) {  // slope = −w ∘ (∇ log π̄ · A)
-    slope_.setZero(n, r);
-    for (Eigen::Index k = 0; k < r; ++k) {
+    slope_.setZero(n, d);
+    for (Eigen::Index k = 0; k < d; ++k) {
       for (Eigen::Index i = 0; i < d; ++i)
         if (m(i, k) != 0) slope_.col(k) += m(i, k) * batch_.gradient.col(i);
       slope_.col(k).array() *= -w.array();
     }
   }
   if (derivatives >= 2) {  // curvature = −w ∘ (Aᵀ ∇² log π̄ A)
-    curvature_.setZero(n, r * (r + 1) / 2);
-    for (Eigen::Index a = 0; a < r; ++a)
+    curvature_.setZero(n, d * (d + 1) / 2);
+    for (Eigen::Index a = 0; a < d; ++a)
       for (Eigen::Index b = 0; b <= a; ++b) {
         auto entry = curvature_.col(sampling::packed_index(a, b));
         for (Eigen::Index i = 0; i < d; ++i)
@@ -152,7 +141,7 @@ static void add_adjoint(const PointTables& points, const MapLayout::Component& c
 
 void KullbackLeiblerObjective::fill_gradient(Eigen::VectorXd& gradient) {
   const auto& w = tables_->rule.weights;
-  for (Eigen::Index k = 0; k < outer_.inner_dimension(); ++k) {
+  for (Eigen::Index k = 0; k < matrix_.cols(); ++k) {
     const auto& values = component_[static_cast<std::size_t>(k)];
     scratch_ = -w.array() * values.log_slope_first.array();
     adjoint_.resize(w.size(), values.b.cols());
@@ -198,10 +187,10 @@ void KullbackLeiblerObjective::add_map_curvature(Eigen::Index k, Eigen::MatrixXd
 }
 
 void KullbackLeiblerObjective::fill_hessian(Eigen::MatrixXd& hessian) {
-  const Eigen::Index r = outer_.inner_dimension();
+  const Eigen::Index d = matrix_.cols();
   const auto& w = tables_->rule.weights;
   const auto& points = tables_->points;
-  for (Eigen::Index k = 0; k < r; ++k) {
+  for (Eigen::Index k = 0; k < d; ++k) {
     const auto sk = static_cast<std::size_t>(k);
     const auto& c = tables_->layout.component(k);
     auto& s = sensitivity_[sk];
@@ -238,7 +227,6 @@ bool KullbackLeiblerObjective::evaluate(const Eigen::VectorXd& a, int derivative
   pull_back(derivatives);
   const auto& t = *tables_;
   value = (t.rule.weights.array() * (t.log_reference - batch_.value - log_determinant_).array()).sum();
-  if (outer_.log_reference.size() != 0) value += t.rule.weights.dot(outer_.log_reference);
   if (derivatives >= 1) fill_gradient(gradient);
   if (derivatives >= 2) fill_hessian(hessian);
   last_ = a;
@@ -248,7 +236,7 @@ bool KullbackLeiblerObjective::evaluate(const Eigen::VectorXd& a, int derivative
 
 void KullbackLeiblerObjective::hessian_vector(const Eigen::VectorXd& a, const Eigen::VectorXd& v,
                                               Eigen::VectorXd& product) {
-  const Eigen::Index n = tables_->size(), r = outer_.inner_dimension();
+  const Eigen::Index n = tables_->size(), d = matrix_.cols();
   const auto& points = tables_->points;
   if (curvature_at_.size() != a.size() || curvature_at_ != a) {
     (void)map_points(a, 2);
@@ -257,8 +245,8 @@ void KullbackLeiblerObjective::hessian_vector(const Eigen::VectorXd& a, const Ei
     last_ = curvature_at_ = a;
   }
   product.resize(v.size());
-  moved_.setZero(n, r);  // how v moves M
-  for (Eigen::Index l = 0; l < r; ++l) {
+  moved_.setZero(n, d);  // how v moves M
+  for (Eigen::Index l = 0; l < d; ++l) {
     const auto& c = tables_->layout.component(l);
     auto& step = step_component_[static_cast<std::size_t>(l)];
     step.evaluate_slope(points, tables_->layout, l, v);  // how v moves b and h
@@ -267,11 +255,11 @@ void KullbackLeiblerObjective::hessian_vector(const Eigen::VectorXd& a, const Ei
       moved_.col(l).array() +=
           component_[static_cast<std::size_t>(l)].g.col(j).array() * step.b.col(j).array();
   }
-  for (Eigen::Index k = 0; k < r; ++k) {
+  for (Eigen::Index k = 0; k < d; ++k) {
     const auto& values = component_[static_cast<std::size_t>(k)];
     const auto& step = step_component_[static_cast<std::size_t>(k)];
     shift_.setZero(n, 1);
-    for (Eigen::Index l = 0; l < r; ++l)
+    for (Eigen::Index l = 0; l < d; ++l)
       shift_.col(0).array() += curvature_.col(sampling::packed_index(k, l)).array() * moved_.col(l).array();
     scratch_ = -tables_->rule.weights.array() * values.log_slope_second.array() * step.h.array();
     adjoint_.resize(n, values.b.cols());
@@ -289,7 +277,7 @@ double KullbackLeiblerObjective::step_limit(const Eigen::VectorXd& a, const Eige
   if (tables_->points.rectifier() != Rectifier::square) return 1;
   constexpr double k_fraction = 0.9;  // of the way to the border
   double limit = 1 / k_fraction;
-  for (Eigen::Index k = 0; k < outer_.inner_dimension(); ++k) {
+  for (Eigen::Index k = 0; k < matrix_.cols(); ++k) {
     auto& here = step_component_[static_cast<std::size_t>(k)];
     here.evaluate_slope(tables_->points, tables_->layout, k, a);
     scratch_ = here.h;
@@ -309,24 +297,8 @@ double KullbackLeiblerObjective::variance_diagnostic(const Eigen::VectorXd& a) {
     last_ = a;
   }
   scratch_ = t.log_reference - batch_.value - log_determinant_;
-  if (outer_.log_reference.size() != 0) scratch_ += outer_.log_reference;
   const double mean = t.rule.weights.dot(scratch_);
   return 0.5 * (t.rule.weights.array() * (scratch_.array() - mean).square()).sum();
-}
-
-bool RegularisedObjective::evaluate(const Eigen::VectorXd& a, int derivatives, double& value,
-                                    Eigen::VectorXd& gradient, Eigen::MatrixXd& hessian) {
-  if (!inner_->evaluate(a, derivatives, value, gradient, hessian)) return false;
-  value += strength_ * (a - centre_).squaredNorm();
-  if (derivatives >= 1) gradient += 2 * strength_ * (a - centre_);
-  if (derivatives >= 2) hessian.diagonal().array() += 2 * strength_;
-  return true;
-}
-
-void RegularisedObjective::hessian_vector(const Eigen::VectorXd& a, const Eigen::VectorXd& v,
-                                          Eigen::VectorXd& product) {
-  inner_->hessian_vector(a, v, product);
-  product += 2 * strength_ * v;
 }
 
 void TemperedDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,

@@ -28,43 +28,27 @@ struct TrainingTables {
   [[nodiscard]] Eigen::Index size() const { return rule.points.rows(); }
 };
 
-/// What a map is put into before the density sees it: z_i = offset_i + matrix · M(x_i) for points i of the
-/// rule. With a pre-map it is that; with a d × r matrix and an offset per point, M moves r coordinates of R^d
-/// and the others are given.
-struct OuterMap {
-  Eigen::MatrixXd matrix;      ///< d × r
-  Eigen::MatrixXd offset;      ///< 1 × d (for all points) or n × d
-  double log_determinant = 0;  ///< of the part of z ← (x, y) outside M
-  Eigen::VectorXd
-      log_reference;  ///< n, added to log ρ(x_i): log-density of what else was drawn; may be empty
-
-  /// x ↦ shift + L x.
-  [[nodiscard]] static OuterMap of(const AffineMap& pre_map);
-  [[nodiscard]] Eigen::Index outer_dimension() const { return matrix.rows(); }  ///< d
-  [[nodiscard]] Eigen::Index inner_dimension() const { return matrix.cols(); }  ///< r
-};
-
-/// F(a) = Σ_i w_i [ log ρ(x_i) − log π̄(z_i) − log |det ∇T(x_i)| ],  z_i = offset_i + A M_a(x_i); Eq. 8 plus
+/// F(a) = Σ_i w_i [ log ρ(x_i) − log π̄(z_i) − log |det ∇T(x_i)| ],  z_i = shift + A M_a(x_i); Eq. 8 plus
 /// the constant E log ρ, so that the minimum is −log evidence + KL. With the square the feasible set is h > 0
 /// at every node in every component; it is convex, and its border is the barrier over which an unguarded
 /// Newton step jumps into a spurious minimum. Other rectifiers have no barrier.
 ///
 ///     TrainingTables tables(rule, TriangularMap(total_order_map(2, 3)));
 ///     sampling::CheckedDensity target(density);
-///     KullbackLeiblerObjective objective(tables, OuterMap::of(pre_map), target);
+///     KullbackLeiblerObjective objective(tables, pre_map, target);
 ///     numerics::NewtonTrustRegion().minimise(objective, {}, a);          // a in the order of tables.layout
 class KullbackLeiblerObjective final : public numerics::Objective {
  public:
   KullbackLeiblerObjective() = default;
-  /// `tables` and `target` must outlive the objective. Errors: UsageError where dimensions or numbers of
-  /// points do not fit.
-  KullbackLeiblerObjective(const TrainingTables& tables, OuterMap outer, sampling::CheckedDensity& target,
-                           double highest_log_density = 0) {
-    begin(tables, std::move(outer), target, highest_log_density);
+  /// `tables` and `target` must outlive the objective. Errors: UsageError where dimensions
+  /// do not fit.
+  KullbackLeiblerObjective(const TrainingTables& tables, const AffineMap& pre_map,
+                           sampling::CheckedDensity& target, double highest_log_density = 0) {
+    begin(tables, pre_map, target, highest_log_density);
   }
   /// The same for an object that keeps its memory. Where the density is zero, `highest_log_density` − 1000
   /// stands for log π̄.
-  void begin(const TrainingTables& tables, OuterMap outer, sampling::CheckedDensity& target,
+  void begin(const TrainingTables& tables, const AffineMap& pre_map, sampling::CheckedDensity& target,
              double highest_log_density);
 
   [[nodiscard]] Eigen::Index dimension() const override { return tables_->layout.size(); }
@@ -89,7 +73,9 @@ class KullbackLeiblerObjective final : public numerics::Objective {
 
   const TrainingTables* tables_ = nullptr;
   sampling::CheckedDensity* target_ = nullptr;
-  OuterMap outer_;
+  Eigen::MatrixXd matrix_;  ///< A, of the pre-map
+  Eigen::VectorXd offset_;
+  double pre_log_determinant_ = 0;
   double floor_ = 0;  ///< stands for log π̄ = −∞
 
   std::vector<ComponentValues> component_, step_component_;
@@ -97,32 +83,11 @@ class KullbackLeiblerObjective final : public numerics::Objective {
   sampling::LogDensityBatch batch_;
   Eigen::VectorXd log_determinant_, last_, scratch_;
   Eigen::VectorXd curvature_at_;              ///< the a for which hessian_vector has everything
-  Eigen::MatrixXd slope_;                     ///< n × r: −w ∂ log π̄ / ∂M_k
-  Eigen::MatrixXd curvature_;                 ///< n × r(r+1)/2: −w ∂² log π̄ / ∂M_k ∂M_l
+  Eigen::MatrixXd slope_;                     ///< n × d: −w ∂ log π̄ / ∂M_k
+  Eigen::MatrixXd curvature_;                 ///< n × d(d+1)/2: −w ∂² log π̄ / ∂M_k ∂M_l
   std::vector<Eigen::MatrixXd> sensitivity_;  ///< per component n × count: ∂M^k/∂a
   std::vector<Eigen::MatrixXd> log_basis_;    ///< per component n × n_e: ∂h/∂a_e
   Eigen::MatrixXd scaled_, block_, adjoint_, shift_, moved_;
-};
-
-/// F(a) + λ ‖a − a₀‖²: pulls coefficients that the rule says little about towards a₀ (the identity).
-class RegularisedObjective final : public numerics::Objective {
- public:
-  /// `inner` must outlive it.
-  RegularisedObjective(numerics::Objective& inner, double strength, Eigen::VectorXd centre)
-      : inner_(&inner), strength_(strength), centre_(std::move(centre)) {}
-  [[nodiscard]] Eigen::Index dimension() const override { return inner_->dimension(); }
-  bool evaluate(const Eigen::VectorXd& a, int derivatives, double& value, Eigen::VectorXd& gradient,
-                Eigen::MatrixXd& hessian) override;
-  [[nodiscard]] bool has_hessian_vector() const override { return inner_->has_hessian_vector(); }
-  void hessian_vector(const Eigen::VectorXd& a, const Eigen::VectorXd& v, Eigen::VectorXd& product) override;
-  [[nodiscard]] double step_limit(const Eigen::VectorXd& a, const Eigen::VectorXd& step) override {
-    return inner_->step_limit(a, step);
-  }
-
- private:
-  numerics::Objective* inner_;
-  double strength_;
-  Eigen::VectorXd centre_;
 };
 
 /// β log π̄ + (1 − β) log N(z; 0, I): from the prior of standardised parameters (β = 0) to the target (1).

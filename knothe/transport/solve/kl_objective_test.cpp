@@ -9,6 +9,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/sampling/testing/test_targets.hpp"
+#include "knothe/transport/testing/map_examples.hpp"
 
 namespace knothe::transport {
 namespace {
@@ -54,12 +55,12 @@ AffineMap some_pre_map(Eigen::Index d) {
 
 /// Gradient, Hessian and Hessian-vector products of the objective at coefficients near the identity, all
 /// against central differences.
-void expect_exact_derivatives(const TriangularMap& map, int nodes, const OuterMap& outer,
+void expect_exact_derivatives(const TriangularMap& map, int nodes, const AffineMap& pre_map,
                               sampling::LogDensity& density) {
   const TrainingTables tables(numerics::tensor_rule(numerics::gauss_hermite(nodes), map.dimension(), 1e-11),
                               map);
   sampling::CheckedDensity target(density);
-  KullbackLeiblerObjective objective(tables, outer, target);
+  KullbackLeiblerObjective objective(tables, pre_map, target);
   const Eigen::Index n = objective.dimension();
   Eigen::VectorXd a, gradient(n), up(n), down(n);
   tables.layout.gather(map.coefficients(), a);
@@ -85,85 +86,44 @@ void expect_exact_derivatives(const TriangularMap& map, int nodes, const OuterMa
   Eigen::VectorXd product;
   objective.hessian_vector(a, v, product);
   EXPECT_LT((product - hessian * v).cwiseAbs().maxCoeff(), 1e-10 * largest);
-  RegularisedObjective regularised(objective, 0.3, map.coefficients() * 0);
-  Eigen::VectorXd pulled(n);
-  double value_with = 0;
-  ASSERT_TRUE(regularised.evaluate(a, 1, value_with, pulled, unused));
-  EXPECT_NEAR(value_with, value + 0.3 * a.squaredNorm(), 1e-12 * (1 + std::abs(value)));
-  EXPECT_LT((pulled - gradient - 0.6 * a).cwiseAbs().maxCoeff(),
-            1e-12 * (1 + gradient.cwiseAbs().maxCoeff()));
 }
 
 TEST(KullbackLeiblerObjective, GradientAndHessianAgainstFiniteDifferences) {
   for (Eigen::Index d : {1, 2, 3})
     for (int order : {1, 3}) {
       Quartic density(d);
-      expect_exact_derivatives(TriangularMap(d, order), d == 3 ? 6 : 8, OuterMap::of(some_pre_map(d)),
-                               density);
+      expect_exact_derivatives(TriangularMap(d, order), d == 3 ? 6 : 8, some_pre_map(d), density);
     }
 }
 
-TEST(KullbackLeiblerObjective, EveryParametrisationHasExactDerivatives) {
+TEST(KullbackLeiblerObjective, EveryRectifierHasExactDerivatives) {
   Quartic density(2);
   AffineMap turned = some_pre_map(2);
   turned.rotation = rotation_in_first_plane(2);
-  for (const Rectifier rectifier : {Rectifier::square, Rectifier::softplus, Rectifier::exponential})
-    for (const BasisFamily basis : {BasisFamily::hermite, BasisFamily::hermite_functions})
-      for (const Tails tails : {Tails::bent, Tails::tangent}) {
-        SCOPED_TRACE(to_string(rectifier) + " " + to_string(basis) + " " + to_string(tails));
-        expect_exact_derivatives(TriangularMap(total_order_map(2, 2, {rectifier, basis, tails, {}})), 7,
-                                 OuterMap::of(turned), density);
-      }
+  for (const Rectifier rectifier : {Rectifier::square, Rectifier::softplus, Rectifier::exponential}) {
+    SCOPED_TRACE(to_text(rectifier));
+    expect_exact_derivatives(TriangularMap(total_order_map(2, 2, {rectifier, {}})), 7, turned, density);
+  }
 }
 
 TEST(KullbackLeiblerObjective, EveryIndexSetHasExactDerivatives) {
   Quartic density(3);
-  MapSpecification by_hand = total_order_map(3, 2, {Rectifier::softplus, {}, {}, {}});
+  MapSpecification by_hand = total_order_map(3, 2, {Rectifier::softplus, {}});
   std::reverse(by_hand.components[2].constant.begin(), by_hand.components[2].constant.end());
   std::reverse(by_hand.components[2].monotone.begin(), by_hand.components[2].monotone.end());
-  by_hand.components[1].monotone.push_back(multi_index(std::vector<int>{3, 1}));
-  for (const MapSpecification& specification :
-       {hyperbolic_cross_map(3, 4), diagonal_map(3, 3), per_variable_map(std::vector<int>{3, 1, 2}), by_hand,
-        sparse_map(total_order_map(3, 3), {{}, {0}, {1}})})
-    expect_exact_derivatives(TriangularMap(specification), 5, OuterMap::of(some_pre_map(3)), density);
+  by_hand.components[1].monotone.push_back(examples::multi_index(std::vector<int>{3, 1}));
+  for (const MapSpecification& specification : {per_variable_map(std::vector<int>{3, 1, 2}), by_hand,
+                                                sparse_map(total_order_map(3, 3), {{}, {0}, {1}})})
+    expect_exact_derivatives(TriangularMap(specification), 5, some_pre_map(3), density);
 }
 
-TEST(KullbackLeiblerObjective, ALazyMapHasTheSameObjective) {
-  // Two of four coordinates moved, the others drawn: z = offset_i + A M(x_i).
+TEST(KullbackLeiblerObjective, RefusesDimensionsThatDoNotFit) {
   Quartic density(4);
-  const Eigen::Index n = numerics::tensor_rule(numerics::gauss_hermite(6), 2, 1e-11).points.rows();
-  OuterMap outer;
-  outer.matrix = Eigen::MatrixXd::Random(4, 2) * 0.6;
-  outer.offset = Eigen::MatrixXd::Random(n, 4);
-  outer.log_determinant = 0.25;
-  outer.log_reference = Eigen::VectorXd::LinSpaced(n, -1, 1);
-  expect_exact_derivatives(TriangularMap(2, 3), 6, outer, density);
-  expect_exact_derivatives(TriangularMap(total_order_map(2, 2, {Rectifier::softplus, {}, {}, {}})), 6, outer,
-                           density);
-  // Value by hand.
-  const TriangularMap map(2, 2);
-  const TrainingTables tables(numerics::tensor_rule(numerics::gauss_hermite(6), 2, 1e-11), map);
+  const TrainingTables tables(numerics::tensor_rule(numerics::gauss_hermite(6), 2), TriangularMap(2, 2));
   sampling::CheckedDensity target(density);
-  KullbackLeiblerObjective objective(tables, outer, target);
-  Eigen::VectorXd a, gradient;
-  Eigen::MatrixXd hessian;
-  tables.layout.gather(map.coefficients(), a);
-  double value = 0;
-  ASSERT_TRUE(objective.evaluate(a, 0, value, gradient, hessian));
-  const Eigen::MatrixXd z =
-      outer.offset + tables.rule.points * outer.matrix.transpose();  // M is the identity
-  sampling::LogDensityBatch batch;
-  target.evaluate(z, 0, batch);
-  const Eigen::VectorXd r =
-      tables.log_reference + outer.log_reference - batch.value - Eigen::VectorXd::Constant(n, 0.25);
-  EXPECT_NEAR(value, tables.rule.weights.dot(r), 1e-12 * (1 + std::abs(value)));
-  outer.offset = Eigen::MatrixXd::Zero(n + 1, 4);
-  try {
-    objective.begin(tables, outer, target, 0);
-    FAIL();
-  } catch (const UsageError& error) {
-    EXPECT_NE(std::string(error.what()).find("the outer map is 4 x 2 with an offset of"), std::string::npos);
-  }
+  KullbackLeiblerObjective objective;
+  EXPECT_THROW(objective.begin(tables, some_pre_map(2), target, 0), UsageError);
+  EXPECT_THROW(objective.begin(tables, some_pre_map(4), target, 0), UsageError);
 }
 
 TEST(TemperedDensity, GoesFromThePriorToTheTarget) {
@@ -193,14 +153,14 @@ TEST(KullbackLeiblerObjective, IsTheObjectiveOfThePublicMap) {
   // The fast tables against the readable implementation: F = Σ w (log ρ − log π̄(T(x)) − log det).
   const Eigen::Index d = 3;
   for (const Rectifier rectifier : {Rectifier::square, Rectifier::softplus, Rectifier::exponential}) {
-    TriangularMap map(total_order_map(d, 3, {rectifier, {}, {}, {}}));
+    TriangularMap map(total_order_map(d, 3, {rectifier, {}}));
     const TrainingTables tables(numerics::tensor_rule(numerics::gauss_hermite(7), d), map);
     Quartic density(d);
     sampling::CheckedDensity target(density);
     AffineMap pre_map = some_pre_map(d);
     pre_map.rotation = rotation_in_first_plane(d);
     KullbackLeiblerObjective objective;
-    objective.begin(tables, OuterMap::of(pre_map), target, 0);
+    objective.begin(tables, pre_map, target, 0);
     Eigen::VectorXd a, c = map.coefficients();
     for (Eigen::Index i = 0; i < c.size(); ++i) c[i] += 0.01 * std::sin(static_cast<double>(7 * i));
     map.set_coefficients(c);
@@ -238,7 +198,7 @@ TEST(KullbackLeiblerObjective, VarianceDiagnosticOfAMisfitGaussian) {
                               TriangularMap(1, 1, {6, 0.5, 6}));
   KullbackLeiblerObjective objective;
   const AffineMap pre_map = AffineMap::identity(1);
-  objective.begin(tables, OuterMap::of(pre_map), target, 0);
+  objective.begin(tables, pre_map, target, 0);
   Eigen::VectorXd a;
   tables.layout.gather(TriangularMap(1, 1).coefficients(), a);
   EXPECT_NEAR(objective.variance_diagnostic(a), 0.5 * (0.5 * k * k + m * m / std::pow(s, 4)), 1e-12);
@@ -250,7 +210,7 @@ TEST(KullbackLeiblerObjective, TheStepFilterKeepsTheSlopePositive) {
   sampling::CheckedDensity target(density);
   const AffineMap pre_map = AffineMap::identity(2);
   KullbackLeiblerObjective objective;
-  objective.begin(tables, OuterMap::of(pre_map), target, 0);
+  objective.begin(tables, pre_map, target, 0);
   Eigen::VectorXd a;
   tables.layout.gather(TriangularMap(2, 3).coefficients(), a);
   std::mt19937 generator(5);

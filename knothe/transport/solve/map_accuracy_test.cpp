@@ -102,11 +102,7 @@ TEST(HardTargets, OxygenDemandFromAColdStartWithEveryRule) {
     MapSolverOptions options;
     options.tolerance = 4e-3;
     options.max_order = 7;
-    if (nodes > 0) {
-      options.rule.emplace();
-      options.rule->kind = numerics::ReferenceRuleKind::tensor_gauss_hermite;
-      options.rule->nodes = nodes;
-    }
+    options.nodes_per_axis = nodes;
     MapSolver solver(options);
     const MapResult result = solver.solve(target);
     EXPECT_TRUE(result.tolerance_reached) << result.reason;

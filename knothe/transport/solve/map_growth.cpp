@@ -1,5 +1,5 @@
-/// How a solve goes from a map that is not good enough to a better one: orders, orientation, greedy growth,
-/// the tempered sequence, and the ways tried when all that is not enough.
+/// How a solve goes from a map that is not good enough to a better one: orders, orientation, the
+///  tempered sequence, and the ways tried when all that is not enough.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -43,8 +43,7 @@ AffineMap principal_axes(const AffineMap& pre_map) {
 
 std::string describe_method(const Parametrisation& parametrisation, const AffineMap& pre_map) {
   return fmt::format(
-      "{} of {} with {} tails{}, {}", to_string(parametrisation.rectifier), to_string(parametrisation.basis),
-      to_string(parametrisation.tails),
+      "{} of hermite with bent tails{}, {}", to_text(parametrisation.rectifier),
       parametrisation.radii == TailRadii{}
           ? ""
           : fmt::format(" beyond {:g} and {:g}", parametrisation.radii.level, parametrisation.radii.tangent),
@@ -118,95 +117,6 @@ MapSolver::Workspace::Climb MapSolver::Workspace::climb_long(sampling::CheckedDe
   return climb;
 }
 
-MapSolver::Workspace::Climb MapSolver::Workspace::grow_greedily(sampling::CheckedDensity& target,
-                                                                MapResult& result, const AffineMap& pre_map) {
-  const Eigen::Index d = target.dimension();
-  Climb climb;
-  MapShape& first =
-      shapes.add_grown(std::make_unique<MapShape>(total_order_map(d, 1, options.parametrisation)));
-  (void)train(target, result, pre_map, first, 1, -1);
-  double best = std::numeric_limits<double>::infinity();
-  int without_gain = 0;
-  for (;;) {
-    Candidate& candidate = candidates[tried - 1];
-    if (candidate.training_diagnostic <= options.tolerance) {
-      verify(target, candidate);
-      climb.reached = candidate.verified_diagnostic <= options.tolerance;
-    }
-    without_gain = candidate.diagnostic() > 0.95 * best ? without_gain + 1 : 0;
-    best = std::min(best, candidate.diagnostic());
-    climb.no_longer_falls = !climb.reached && without_gain >= 4;
-    const Eigen::Index terms = candidate.shape->layout.size();
-    if (climb.reached || climb.no_longer_falls || terms >= options.max_terms) return climb;
-    std::unique_ptr<MapShape> larger = steepest_terms(target, result, pre_map, candidate);
-    if (!larger) return climb;
-    MapShape& next = shapes.add_grown(std::move(larger));
-    (void)train(target, result, pre_map, next, next.identity.order(), static_cast<std::ptrdiff_t>(tried) - 1);
-  }
-}
-
-std::unique_ptr<MapShape> MapSolver::Workspace::steepest_terms(sampling::CheckedDensity& target,
-                                                               const MapResult& result,
-                                                               const AffineMap& pre_map,
-                                                               const Candidate& candidate) {
-  const MapSpecification now = candidate.shape->identity.specification();
-  struct Term {
-    double slope;
-    std::size_t component;
-    bool is_constant;
-    MultiIndex index;
-  };
-  // The map with the whole margin, at the coefficients reached: one gradient tells of every term.
-  MapSpecification with_margin = now;
-  const auto may_join = [&](const MultiIndex& index, int most) {
-    return std::all_of(index.factors.begin(), index.factors.end(),
-                       [&](const auto& f) { return f.degree <= most; });
-  };
-  for (std::size_t k = 0; k < now.components.size(); ++k) {
-    const int variables = static_cast<int>(k);
-    auto& c = with_margin.components[k];
-    for (MultiIndex& index : reduced_margin(now.components[k].constant, variables))
-      if (may_join(index, options.max_order)) c.constant.push_back(std::move(index));
-    for (MultiIndex& index : reduced_margin(now.components[k].monotone, variables + 1))
-      if (may_join(index, options.max_order - 1)) c.monotone.push_back(std::move(index));
-  }
-  MapShape wide(with_margin);
-  TriangularMap start = wide.identity, reached = candidate.shape->identity;
-  reached.set_coefficients(candidate.coefficients);
-  start.embed(reached);
-  const TrainingTables& tables = shapes.training_tables(wide);
-  objective.begin(tables, OuterMap::of(pre_map), target, result.mode_log_density);
-  Eigen::VectorXd gradient(tables.layout.size()), in_map_order;
-  Eigen::MatrixXd none;
-  double value = 0;
-  tables.layout.gather(start.coefficients(), coefficients);
-  if (!objective.evaluate(coefficients, 1, value, gradient, none)) return nullptr;
-  tables.layout.scatter(gradient, in_map_order);
-
-  std::vector<Term> terms;
-  for (std::size_t k = 0; k < now.components.size(); ++k) {
-    const MapComponent& c = wide.identity.component(static_cast<Eigen::Index>(k));
-    for (std::size_t m = now.components[k].constant.size(); m < c.constant.size(); ++m)
-      terms.push_back(
-          {std::abs(in_map_order[c.offset + static_cast<Eigen::Index>(m)]), k, true, c.constant[m]});
-    for (std::size_t m = now.components[k].monotone.size(); m < c.monotone.size(); ++m)
-      terms.push_back({std::abs(in_map_order[c.offset + c.constant_count() + static_cast<Eigen::Index>(m)]),
-                       k, false, c.monotone[m]});
-  }
-  if (terms.empty()) return nullptr;
-  std::stable_sort(terms.begin(), terms.end(),
-                   [](const Term& a, const Term& b) { return a.slope > b.slope; });
-  const Eigen::Index wanted = options.terms_per_round > 0
-                                  ? options.terms_per_round
-                                  : std::max<Eigen::Index>(4, candidate.shape->layout.size() / 4);
-  MapSpecification next = now;
-  for (std::size_t i = 0; i < std::min(terms.size(), static_cast<std::size_t>(wanted)); ++i) {
-    auto& c = next.components[terms[i].component];
-    (terms[i].is_constant ? c.constant : c.monotone).push_back(terms[i].index);
-  }
-  return std::make_unique<MapShape>(std::move(next));
-}
-
 MapSolver::Workspace::Climb MapSolver::Workspace::climb_tempered(sampling::LogDensity& user_target,
                                                                  sampling::CheckedDensity& target,
                                                                  MapResult& result,
@@ -245,18 +155,16 @@ MapSolver::Workspace::Climb MapSolver::Workspace::fall_back(sampling::LogDensity
   if (options.orientation == Orientation::automatic && d >= 2 && d <= k_max_turned && !options.family)
     attempt(own, pre_map, taken.rotation.size() > 0 ? Orientation::given : Orientation::principal);
   // Targets that are polynomial far into their tails, as Rosenbrock's.
-  if (own.basis == BasisFamily::hermite && own.tails == Tails::bent) {
-    Parametrisation wide = own;
-    wide.radii.tangent = std::max(8.0, own.radii.tangent);
-    attempt(wide, pre_map, options.orientation);
-  }
+  Parametrisation wide = own;
+  wide.radii.tangent = std::max(8.0, own.radii.tangent);
+  attempt(wide, pre_map, options.orientation);
   // Rectifiers without the barrier.
   for (const Rectifier other : {Rectifier::softplus, Rectifier::exponential, Rectifier::square}) {
     Parametrisation changed = own;
     changed.rectifier = other;
     if (other != own.rectifier) attempt(changed, taken, Orientation::given);
   }
-  if (!climb.reached && !options.tempered) climb = climb_tempered(user_target, target, result, taken);
+  if (!climb.reached) climb = climb_tempered(user_target, target, result, taken);
   return climb;
 }
 

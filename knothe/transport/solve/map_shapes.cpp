@@ -51,7 +51,7 @@ std::vector<int> orders_of(const TriangularMap& map) {
 
 bool less(const Parametrisation& a, const Parametrisation& b) {
   const auto key = [](const Parametrisation& p) {
-    return std::tuple(p.rectifier, p.basis, p.tails, p.radii.level, p.radii.bend, p.radii.tangent);
+    return std::tuple(p.rectifier, p.radii.level, p.radii.bend, p.radii.tangent);
   };
   return key(a) < key(b);
 }
@@ -82,10 +82,6 @@ bool MapShapes::Less::operator()(const Key& a, const Key& b) const {
   if (std::get<0>(a) != std::get<0>(b)) return std::get<0>(a) < std::get<0>(b);
   if (std::get<1>(a) != std::get<1>(b)) return std::get<1>(a) < std::get<1>(b);
   return less(std::get<2>(a), std::get<2>(b));
-}
-
-MapShape& MapShapes::add_grown(std::unique_ptr<MapShape> shape) {
-  return *grown_.emplace_back(std::move(shape));
 }
 
 MapShape& MapShapes::of_order(Eigen::Index d, int order, const Parametrisation& parametrisation) {
@@ -127,8 +123,6 @@ MapShape& MapShapes::of(const TriangularMap& map) {
     if (same(*shape)) return *shape;
   for (auto& [key, shape] : long_shapes_)
     if (same(*shape)) return *shape;
-  for (auto& shape : grown_)
-    if (same(*shape)) return *shape;
   if (!foreign_ || !same(*foreign_)) {
     foreign_ = std::make_unique<MapShape>(map.specification());
     foreign_->identity = map;
@@ -138,14 +132,10 @@ MapShape& MapShapes::of(const TriangularMap& map) {
 
 const TrainingTables& MapShapes::training_tables(MapShape& shape) {
   if (!shape.training) {
-    numerics::PointRule rule;
-    if (options_.rule) {
-      numerics::ReferenceRule choice = *options_.rule;
-      choice.drop = std::max(choice.drop, k_lightest_node);
-      rule = numerics::reference_rule(choice, shape.identity.dimension());
-    } else {
-      rule = default_training_rule(shape);
-    }
+    numerics::PointRule rule = options_.nodes_per_axis > 0
+                                   ? numerics::tensor_rule(numerics::gauss_hermite(options_.nodes_per_axis),
+                                                           shape.identity.dimension(), k_lightest_node)
+                                   : default_training_rule(shape);
     shape.training = std::make_unique<TrainingTables>(std::move(rule), shape.identity);
   }
   return *shape.training;

@@ -45,9 +45,6 @@ class MapShapes {
   MapShape& long_of_order(Eigen::Index d, int order);
   /// The shape of a map: one of those here, or made for it.
   MapShape& of(const TriangularMap& map);
-  /// Those of the greedy growth of a solve.
-  MapShape& add_grown(std::unique_ptr<MapShape> shape);
-  void clear_grown() { grown_.clear(); }
 
   const TrainingTables& training_tables(MapShape& shape);
   /// `is_broad`: half of the points are spread by k_broad, and log_reference is that of the mixture ½ N(0, I)
@@ -64,7 +61,6 @@ class MapShapes {
   const MapSolverOptions& options_;
   std::map<Key, std::unique_ptr<MapShape>, Less> shapes_;
   std::map<std::pair<Eigen::Index, int>, std::unique_ptr<MapShape>> long_shapes_;  ///< d, order of the others
-  std::vector<std::unique_ptr<MapShape>> grown_;
   std::unique_ptr<MapShape> foreign_;  ///< of a map that this solver did not make
 };
 

@@ -22,8 +22,7 @@ void require(const MapSolverOptions& o) {
   if (o.min_order < 1 || o.max_order < o.min_order || o.max_order > k_max_order)
     throw UsageError(fmt::format("map solver: orders {} to {} asked for; they must lie in 1 … {}",
                                  o.min_order, o.max_order, k_max_order));
-  if (!(o.regularisation >= 0))
-    throw UsageError(fmt::format("map solver: regularisation {} is negative", o.regularisation));
+  if (o.nodes_per_axis < 0) throw UsageError(fmt::format("map solver: {} nodes per axis", o.nodes_per_axis));
   if (o.verification_points < 16)
     throw UsageError(
         fmt::format("map solver: {} verification points; at least 16 are needed", o.verification_points));
@@ -86,13 +85,12 @@ const MapSolverOptions& MapSolver::options() const {
 }
 
 bool MapSolver::Workspace::may_be_long(Eigen::Index d) const {
-  return options.long_first_variable && d >= 2 && d <= k_max_long && !options.family && !options.rule &&
-         !options.tempered && options.growth == Growth::order && options.max_order > k_first_long;
+  return options.long_first_variable && d >= 2 && d <= k_max_long && !options.family &&
+         options.nodes_per_axis == 0 && options.max_order > k_first_long;
 }
 
 void MapSolver::prepare(Eigen::Index dimension) {
   Workspace& work = *work_;
-  if (work.options.growth == Growth::greedy) return;
   for (int order = work.options.min_order; order <= work.options.max_order; ++order) {
     MapShape& shape = work.shapes.of_order(dimension, order, work.options.parametrisation);
     if (shape.identity.coefficients().size() > k_last_prepared_size) return;
@@ -131,16 +129,9 @@ void MapSolver::solve(sampling::LogDensity& user_target, MapResult& result) {
   result.iterations = 0;
   work.tried = 0;
   work.tempered_evaluations = 0;
-  work.shapes.clear_grown();
 
-  Workspace::Climb climb;
-  if (options.tempered)
-    climb = work.climb_tempered(trained, target, result, laplace);
-  else if (options.growth == Growth::greedy)
-    climb = work.grow_greedily(target, result, laplace);
-  else
-    climb = work.climb(target, result, laplace, options.parametrisation, options.orientation,
-                       options.min_order, -1);
+  Workspace::Climb climb = work.climb(target, result, laplace, options.parametrisation, options.orientation,
+                                      options.min_order, -1);
   if (!climb.reached && work.may_be_long(user_target.dimension())) {
     climb = work.climb_long(target, result,
                             options.orientation == Orientation::given ? laplace : principal_axes(laplace));
@@ -190,7 +181,7 @@ void MapSolver::Workspace::report(Candidate& candidate, MapResult& result) {
     const bool same = c.shape->identity.parametrisation() == result.map.parametrisation() && c.usable;
     const auto &here = c.pre_map.rotation, &chosen = result.pre_map.rotation;
     const bool same_axes = c.order == 1 || (here.size() == chosen.size() && here == chosen);
-    const bool in_order = c.is_long || options.growth != Growth::order || c.order == next;
+    const bool in_order = c.is_long || c.order == next;
     if (!same || !same_axes || c.is_long != candidate.is_long || !in_order) continue;
     ++next;
     result.diagnostic_by_order.push_back(c.training_diagnostic);

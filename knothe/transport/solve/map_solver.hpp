@@ -4,11 +4,9 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
-#include "knothe/numerics/integrate/reference_rule.hpp"
 #include "knothe/sampling/log_density.hpp"
 #include "knothe/transport/diagnose/missed_modes.hpp"
 #include "knothe/transport/map/composed_map.hpp"
@@ -25,12 +23,6 @@ enum class Orientation {
   given,      ///< the target's own coordinates, in their order
   principal,  ///< the principal axes of the Laplace covariance, longest first
   automatic   ///< the one that gains more at order 2; `given` where order 1 is enough
-};
-
-/// How a map that is not good enough grows.
-enum class Growth {
-  order,  ///< to the next order of the family
-  greedy  ///< by the terms of the reduced margin in which the objective is steepest
 };
 
 struct MapSolverOptions {
@@ -58,17 +50,10 @@ struct MapSolverOptions {
   /// Gaussian 120 times as wide as the modes found.
   double tempering_spread = 0;
 
-  Parametrisation parametrisation;  ///< rectifier, basis, tails
+  Parametrisation parametrisation;  ///< rectifier, radii of the tails
   MapFamily family;                 ///< the map of each order; empty: total order
   Orientation orientation = Orientation::automatic;
-  /// The training rule; empty: chosen with the order. Nodes of a tensor rule lighter than 1e-11 are left out:
-  /// they only stall the minimiser. Weights of a Smolyak rule have both signs: for low orders.
-  std::optional<numerics::ReferenceRule> rule;
-  double regularisation = 0;  ///< λ: λ ‖a − a_identity‖² is added to the objective
-  Growth growth = Growth::order;
-  Eigen::Index terms_per_round = 0;  ///< of greedy growth; 0: a quarter of those there, at least four
-  Eigen::Index max_terms = 400;      ///< of greedy growth
-  bool tempered = false;  ///< begin with the tempered sequence, β = 1/16, 1/8 … 1, each warm from the last
+  int nodes_per_axis = 0;  ///< of the training rule, Gauss–Hermite; 0: a rule chosen with the order
   /// Where the orders do not reach the tolerance (d = 2, 3): also maps of order up to 6 with four times as
   /// much, up to 23, in the first variable, for a posterior that is a narrow ridge with structure along it
   /// (docs/explanation/transport.md, "A long first variable").
@@ -114,8 +99,6 @@ struct MapResult {
   [[nodiscard]] Eigen::MatrixXd inverse(const Eigen::Ref<const Eigen::MatrixXd>& z) const;
   /// log of the normalised approximation at z (n × d).
   [[nodiscard]] Eigen::VectorXd log_density(const Eigen::Ref<const Eigen::MatrixXd>& z) const;
-  /// By how much training rule and verification points differ: an overfitted map has a large difference.
-  [[nodiscard]] double objective_difference() const { return verified_objective - training_objective; }
   /// Eq. 24 on the verification points: a lower bound of the log-evidence, low by the KL divergence.
   [[nodiscard]] double map_log_evidence() const { return -verified_objective; }
 };

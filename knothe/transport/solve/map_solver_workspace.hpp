@@ -79,10 +79,6 @@ struct MapSolver::Workspace {
   /// Orders 2 to `last_long` with four times as much along the first variable, the first one from the
   /// identity.
   Climb climb_long(sampling::CheckedDensity& target, MapResult& result, const AffineMap& pre_map);
-  Climb grow_greedily(sampling::CheckedDensity& target, MapResult& result, const AffineMap& pre_map);
-  /// The candidate's shape with the terms of its margin along which the objective is steepest; null if none.
-  std::unique_ptr<MapShape> steepest_terms(sampling::CheckedDensity& target, const MapResult& result,
-                                           const AffineMap& pre_map, const Candidate& candidate);
   Climb climb_tempered(sampling::LogDensity& user_target, sampling::CheckedDensity& target, MapResult& result,
                        const AffineMap& pre_map);
   Climb fall_back(sampling::LogDensity& user_target, sampling::CheckedDensity& target, MapResult& result,

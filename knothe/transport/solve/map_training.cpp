@@ -65,13 +65,6 @@ numerics::MinimiserSummary MapSolver::Workspace::minimise(sampling::CheckedDensi
   if ((kind == MinimiserKind::newton || kind == MinimiserKind::newton_cg) &&
       target.available_derivatives() < 2)
     kind = shape.layout.size() > k_max_for_hessian ? MinimiserKind::lbfgs : MinimiserKind::bfgs;
-  std::optional<RegularisedObjective> regularised;
-  numerics::Objective* function = &objective;
-  if (options.regularisation > 0) {
-    Eigen::VectorXd centre;
-    shape.layout.gather(TriangularMap(shape.identity.specification()).coefficients(), centre);
-    function = &regularised.emplace(objective, options.regularisation, std::move(centre));
-  }
   switch (kind) {
     case MinimiserKind::newton: {
       numerics::TrustRegionOptions o;
@@ -80,7 +73,7 @@ numerics::MinimiserSummary MapSolver::Workspace::minimise(sampling::CheckedDensi
       o.gradient_tolerance = 1e-12;
       o.initial_radius = 2;
       o.decrease_at_border = 0.1 * options.tolerance;
-      return newton.minimise(*function, o, coefficients);
+      return newton.minimise(objective, o, coefficients);
     }
     case MinimiserKind::newton_cg: {
       numerics::TrustRegionOptions o;
@@ -88,21 +81,21 @@ numerics::MinimiserSummary MapSolver::Workspace::minimise(sampling::CheckedDensi
       o.decrease_tolerance = options.decrease_tolerance;
       o.gradient_tolerance = 1e-12;
       o.initial_radius = 2;
-      return newton_cg.minimise(*function, o, coefficients);
+      return newton_cg.minimise(objective, o, coefficients);
     }
     case MinimiserKind::bfgs: {
       numerics::BfgsOptions o;
       o.max_iterations = 10 * options.max_iterations;
       o.decrease_tolerance = options.decrease_tolerance;
       o.gradient_tolerance = 1e-10;
-      return bfgs.minimise(*function, o, coefficients);
+      return bfgs.minimise(objective, o, coefficients);
     }
     case MinimiserKind::lbfgs: {
       numerics::LbfgsOptions o;
       o.max_iterations = 20 * options.max_iterations;
       o.decrease_tolerance = options.decrease_tolerance;
       o.gradient_tolerance = 1e-10;
-      return lbfgs.minimise(*function, o, coefficients);
+      return lbfgs.minimise(objective, o, coefficients);
     }
     default:
       break;
@@ -111,7 +104,7 @@ numerics::MinimiserSummary MapSolver::Workspace::minimise(sampling::CheckedDensi
   o.max_iterations = 1000 * options.max_iterations;
   o.value_tolerance = options.decrease_tolerance;
   o.point_tolerance = 1e-4;
-  return nelder_mead.minimise(*function, o, coefficients);
+  return nelder_mead.minimise(objective, o, coefficients);
 }
 
 MapSolver::Workspace::Candidate& MapSolver::Workspace::train(sampling::CheckedDensity& target,
@@ -127,7 +120,7 @@ MapSolver::Workspace::Candidate& MapSolver::Workspace::train(sampling::CheckedDe
     start.embed(lower);
   }
   tables.layout.gather(start.coefficients(), coefficients);
-  objective.begin(tables, OuterMap::of(pre_map), target, result.mode_log_density);
+  objective.begin(tables, pre_map, target, result.mode_log_density);
   auto summary = minimise(target, shape);
   if (summary.termination == numerics::Termination::start_infeasible) {
     // h of the lower-order map changes sign at a node of this rule: begin with the affine part of the Laplace

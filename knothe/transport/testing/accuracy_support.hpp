@@ -1,6 +1,7 @@
 #pragma once
 /// @file What the accuracy tests and the accuracy table share: the problems, and one solve judged by a
 /// reference answer.
+#include <algorithm>
 #include <chrono>
 
 #include "knothe/transport/solve/map_solver.hpp"
@@ -64,6 +65,11 @@ inline MapSolverOptions eight_schools_options() {
   return options;
 }
 
+inline void add_missing(std::vector<MultiIndex>& set, const std::vector<MultiIndex>& other) {
+  for (const MultiIndex& index : other)
+    if (std::find(set.begin(), set.end(), index) == set.end()) set.push_back(index);
+}
+
 /// 32 variables: two parameters and thirty states.
 inline sampling::targets::StochasticVolatility stochastic_volatility() {
   return sampling::targets::synthetic_stochastic_volatility(30, 41);
@@ -87,7 +93,11 @@ inline MapSolverOptions stochastic_volatility_options() {
     for (int k = 1; k < d; ++k)
       for (int parent = 0; parent < k; ++parent)
         if (parent < 2 || parent == k - 1) parents[static_cast<std::size_t>(k)].push_back(parent);
-    map.unite(sparse_map(total_order_map(d, order), parents));
+    const MapSpecification sparse = sparse_map(total_order_map(d, order), parents);
+    for (std::size_t k = 0; k < map.components.size(); ++k) {
+      add_missing(map.components[k].constant, sparse.components[k].constant);
+      add_missing(map.components[k].monotone, sparse.components[k].monotone);
+    }
     return map;
   };
   return options;

@@ -2,11 +2,21 @@
 /// @file Maps known in closed form, for tests of what is done with maps.
 #include <Eigen/Core>
 #include <cmath>
-#include <random>
+#include <span>
 
 #include "knothe/transport/map/composed_map.hpp"
 
 namespace knothe::transport::examples {
+
+/// A multi-index from its degrees, one per variable: {2, 0, 1} is x_0² x_2.
+inline MultiIndex multi_index(std::span<const int> degrees) {
+  MultiIndex index;
+  for (std::size_t i = 0; i < degrees.size(); ++i) {
+    if (degrees[i] > 0) index.factors.push_back({static_cast<int>(i), degrees[i]});
+    index.total += degrees[i];
+  }
+  return index;
+}
 
 /// x ↦ (x_1, x_2 + b x_1²), exactly, to 20 standard deviations.
 inline ComposedMap banana_map(double b) {
@@ -21,16 +31,6 @@ inline ComposedMap banana_map(double b) {
   ComposedMap composed(2);
   composed.append(map);
   return composed;
-}
-
-/// A map of total order whose coefficients are those of the identity, changed at random by up to `size`.
-inline TriangularMap bent_map(Eigen::Index d, int order, double size, unsigned seed) {
-  TriangularMap map(d, order);
-  std::mt19937_64 engine(seed);
-  Eigen::VectorXd a = map.coefficients();
-  for (double& x : a) x += size * (2 * (static_cast<double>(engine() >> 11) * 0x1p-53) - 1);
-  map.set_coefficients(a);
-  return map;
 }
 
 /// Lower triangular, with a spread.
