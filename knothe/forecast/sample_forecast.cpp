@@ -111,8 +111,8 @@ ScalarForecast forecast_of_samples(const Eigen::Ref<const Eigen::VectorXd>& valu
   result.probability_above_threshold = std::clamp(above, 0.0, 1.0);
 
   // Never narrower than rounding allows, so that equal samples make a narrow bell instead of an infinite one.
-  const double kernel = std::max(numerics::kernel_bandwidth(x, w),
-                                 1e-9 * std::max(std::abs(result.mean), 1e-9));
+  const double kernel =
+      std::max(numerics::kernel_bandwidth(x, w), 1e-9 * std::max(std::abs(result.mean), 1e-9));
   const double width = std::hypot(kernel, error_std);
   result.points =
       even_points(values.minCoeff() - 3.5 * width, values.maxCoeff() + 3.5 * width, k_density_points);

@@ -116,8 +116,8 @@ class Pool {
         std::hypot((1 - share) * r.sample.log_evidence_error, share * round.log_evidence_error);
     r.sample.has_evidence = true;
     r.state_errors(variables_);
-    r.converged = r.converged &&
-                  r.sample.effective_size >= k_min_share * static_cast<double>(r.sample.weights.size());
+    r.converged =
+        r.converged && r.sample.effective_size >= k_min_share * static_cast<double>(r.sample.weights.size());
   }
 
  private:

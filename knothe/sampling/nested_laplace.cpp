@@ -233,8 +233,7 @@ NestedLaplaceResult nested_laplace(LogDensity& user_target, const NestedLaplaceO
   // Twice as accurate as the whole has to be: the weights of the others come on top.
   RecycledImportanceOptions of_first;
   of_first.seed = options.seed;
-  of_first.mean_tolerance = 0.5 * options.mean_tolerance;
-  of_first.deviation_tolerance = 0.5 * options.deviation_tolerance;
+  of_first.share_of_tolerance = 0.5 * ImportanceResult::k_share_of_tolerance;
   of_first.progress = [&](double share) { return !options.progress || options.progress(0.8 * share); };
   const RecycledImportanceResult first = recycled_importance(marginal, of_first);
 
@@ -256,22 +255,14 @@ NestedLaplaceResult nested_laplace(LogDensity& user_target, const NestedLaplaceO
   Eigen::VectorXd weights = (log_weight.array() - top).exp();
   const double sum = weights.sum();
   weights /= sum;
-  const MomentErrors errors =
-      standard_errors(options.variables ? options.variables(points) : points, weights);
   WeightedSample& sample = result.sample;
   sample.points = std::move(points);
   sample.weights = std::move(weights);
-  sample.effective_size = 1 / sample.weights.squaredNorm();
-  sample.log_evidence = first.sample.log_evidence + marginal.log_scale() + top + std::log(sum);
-  sample.log_evidence_error =
-      std::sqrt(std::max(0.0, 1 / sample.effective_size - 1 / static_cast<double>(n)));
-  sample.has_evidence = true;
+  sample.state_evidence(first.sample.log_evidence + marginal.log_scale() + top + std::log(sum));
   sample.density_evaluations = target.evaluations();
-  result.mean_error = 4 * errors.mean;
-  result.deviation_error = 4 * errors.deviation;
+  result.state_errors(options.variables ? options.variables(sample.points) : sample.points);
   const bool one_mode = modes.size() == 1 || modes[1].log_mass < modes[0].log_mass - k_counting_mode;
-  result.converged = one_mode && first.converged && result.mean_error <= options.mean_tolerance &&
-                     result.deviation_error <= options.deviation_tolerance;
+  result.converged = result.converged && one_mode && first.converged;
   return result;
 }
 

@@ -11,7 +11,6 @@
 namespace knothe::sampling {
 
 struct NestedLaplaceOptions {
-  double mean_tolerance = 0.1, deviation_tolerance = 0.05;  ///< converged when the stated errors are below
   std::uint64_t seed = 1;
   /// From the density's own variables to those whose means and standard deviations count (n × d); empty: the
   /// same.

@@ -207,7 +207,7 @@ RecycledImportanceResult recycled_importance(LogDensity& user_target,
     beta = draws.next_temperature(beta, enough);
     result.temperatures.push_back(beta);
     state(draws, options, result);
-    if (result.is_done() || !affordable()) break;
+    if (result.is_done(options.share_of_tolerance) || !affordable()) break;
     report();
     if (beta < 1 && modes.empty() && result.temperatures.size() >= k_rounds_before_ascents) {
       const Eigen::VectorXd evenly = Eigen::VectorXd::Ones(draws.size());

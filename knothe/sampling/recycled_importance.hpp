@@ -12,6 +12,8 @@
 namespace knothe::sampling {
 
 struct RecycledImportanceOptions {
+  /// Done when the stated errors are within this share of the tolerances.
+  double share_of_tolerance = ImportanceResult::k_share_of_tolerance;
   Eigen::Index draws = 1000;  ///< of a round
   std::int64_t max_evaluations = 20000;
   /// What counts towards `max_evaluations`, derivatives too; empty: the evaluations made here.

@@ -41,10 +41,9 @@ void ImportanceResult::state_errors(const Eigen::MatrixXd& variables) {
   converged = mean_error <= k_mean_tolerance && deviation_error <= k_deviation_tolerance;
 }
 
-bool ImportanceResult::is_done() const {
-  constexpr double k_margin = 0.8;
-  return converged && mean_error <= k_margin * k_mean_tolerance &&
-         deviation_error <= k_margin * k_deviation_tolerance;
+bool ImportanceResult::is_done(double share) const {
+  return converged && mean_error <= share * k_mean_tolerance &&
+         deviation_error <= share * k_deviation_tolerance;
 }
 
 Eigen::VectorXd mean_of(const WeightedSample& sample) {

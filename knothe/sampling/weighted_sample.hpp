@@ -39,8 +39,9 @@ struct ImportanceResult {
 
   /// Errors and convergence, from the weights and `variables` (n × k), whose moments count.
   void state_errors(const Eigen::MatrixXd& variables);
-  /// Rounds go on until the errors are a fifth below the tolerances: they are estimates themselves.
-  [[nodiscard]] bool is_done() const;
+  /// Rounds go on until the errors are this share of the tolerances: they are estimates themselves.
+  [[nodiscard]] bool is_done(double share = k_share_of_tolerance) const;
+  static constexpr double k_share_of_tolerance = 0.8;
 };
 
 /// The largest of all columns of `variables` (n × k). Weights: n, sum 1.

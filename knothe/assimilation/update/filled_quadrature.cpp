@@ -23,7 +23,7 @@ constexpr Index k_segment = 8;     ///< nodes along a row that are evaluated tog
 constexpr Index k_scan_every = 4;  ///< lines of the grid between those that are looked at for modes not found
 constexpr Index k_max_places = 1 << 26;  ///< segments that a window may have
 constexpr int k_max_growths = 60, k_max_refinements = 12;
-constexpr double k_line_change = 0.03;     ///< of `Marginals::line_change`
+constexpr double k_line_change = 0.03;   ///< of `Marginals::line_change`
 constexpr double k_min_deviation = 0.8;  ///< of a marginal, in spacings
 
 /// Where the grid lies, and where its mass is looked for.

@@ -8,8 +8,8 @@ namespace knothe::numerics {
 /// Effective number of points: (Σw)²/Σw².
 [[nodiscard]] double effective_count(std::span<const double> weights);
 
-/// Silverman's bandwidth for weighted points, 0.9 min(std, interquartile range/1.34) n^(−1/5), n the effective
-/// number: right for one hump. Positive: points that are all the same get a tiny one. Errors:
+/// Silverman's bandwidth for weighted points, 0.9 min(std, interquartile range/1.34) n^(−1/5), n the
+/// effective number: right for one hump. Positive: points that are all the same get a tiny one. Errors:
 /// UsageError for no points, no positive weight, sizes that disagree, values not finite.
 [[nodiscard]] double kernel_bandwidth(std::span<const double> values, std::span<const double> weights);
 
