@@ -157,9 +157,20 @@ reduction::SeparatedModel load_model(const Project& project) {
 
 namespace {
 
+/// Whether what is known has one value for all data: those that come one by one bring no other.
+bool is_fixed(const Project& project, const assimilation::Features& features) {
+  return features[static_cast<std::size_t>(Feature::service)] &&
+         project.method.verify != ModelVerification::full_order &&
+         std::all_of(project.known.begin(), project.known.end(),
+                     [](const KnownParameter& known) { return known.value.has_value(); });
+}
+
 /// `features`: what it is for.
-UpdateSetup set_up(const Project& project, assimilation::Features features, bool live,
+UpdateSetup set_up(const Project& given, assimilation::Features features, bool live,
                    std::shared_ptr<PictureMeasurements> pictures = nullptr) {
+  Project project = given;
+  const bool fixed = is_fixed(given, features);
+  if (fixed) project.known.clear();
   features |= features_of(project);
   refuse_conflicts(project, features);
   project.require(!project.model.empty(), "a model: `model = \"MODEL.h5\"`");
@@ -169,7 +180,7 @@ UpdateSetup set_up(const Project& project, assimilation::Features features, bool
                   "data: `data = \"DATA.h5\"`, or `[data] pictures = \"FOLDER\"`");
   project.require(!project.parameters.empty(),
                   "a table [parameters] with a prior for each parameter of the model that is inferred");
-  const reduction::SeparatedModel whole = load_whole_model(project);
+  const reduction::SeparatedModel whole = fixed ? load_model(given) : load_whole_model(given);
   std::vector<assimilation::Prior> priors;
   for (const NamedPrior& parameter : project.parameters) priors.push_back(parameter.prior);
   if (live && !project.data.empty()) {
@@ -181,6 +192,8 @@ UpdateSetup set_up(const Project& project, assimilation::Features features, bool
     pictures = std::make_shared<PictureMeasurements>(project, whole, live);
   assimilation::Measurements measurements =
       pictures ? pictures->measurements() : assimilation::read_measurements(project.data);
+  if (fixed)
+    for (const KnownParameter& known : given.known) measurements.series.erase(known.name);
   if (project.method.offset_std > 0)
     measurements.noise = measurements.noise.with_offsets(project.method.offset_std);
   ObservedData data = observe_data(project, whole, priors, std::move(measurements),

@@ -168,15 +168,16 @@ int main() {
         self.assertNotEqual(done.returncode, 0)
         self.assertIn(f"version: {self.version()}", done.stderr)
 
-    def configure_embedded(self):
-        run("cmake", "-G", "Ninja", "-S", REPOSITORY / "tests/cases/embedded", "-B", self.folder / "build", f"-DKNOTHE_SOURCE={REPOSITORY}")
+    def configure_embedded(self, fetched):
+        run("cmake", "-G", "Ninja", "-S", REPOSITORY / "tests/cases/embedded", "-B", self.folder / "build", f"-DKNOTHE_SOURCE={REPOSITORY}",
+            f"-DKNOTHE_FETCH={fetched}")
 
     def test_part_of_another_project(self):
-        self.configure_embedded()
+        self.configure_embedded("ON")
         run("cmake", "--build", self.folder / "build", "--target", "knothe_base")
 
     def test_part_of_another_project_runs(self):
-        self.configure_embedded()
+        self.configure_embedded("OFF")
         subprocess.run(["cmake", "--build", str(self.folder / "build")], check=True, capture_output=True, timeout=7000)
         self.check_map(run(self.folder / "build/map_of_a_density"))
 

@@ -10,6 +10,7 @@ import unittest
 
 import analytic_model
 from service_support import Broker, Events, ServiceCase, comparable, make_certificates
+from support import read_csv, write_csv
 
 
 class Test(ServiceCase):
@@ -127,6 +128,29 @@ class Test(ServiceCase):
                 service.settled(12)
                 self.assertEqual([comparable(line) for line in service.states()], expected)
                 self.assertEqual(service.stop(), 130)
+
+    def test_a_known_parameter_with_a_value_is_served_as_it_is_assimilated(self):
+        """Batch takes its value at each time from the data: here a series of the same number."""
+        self.edit('Ad = { prior = "normal", mean = 1.1, std = 0.4472135954999579 }', 'Ad = { prior = "known" }')
+        self.expect(3, "serve", self.project_name, stderr=['give it a "value", which then holds for all of them'])
+        self.edit('prior = "known" }', 'prior = "known", value = 0.8 }')
+        rows = read_csv(self.folder / "data.csv")
+        times = sorted({row["time"] for row in rows}, key=float)
+        self.edit('data = "data.h5"', 'data = "known.csv"')
+        blank = {key: "" for key in rows[0]}
+        write_csv(self.folder / "known.csv", rows + [{**blank, "time": t, "sensor": "Ad", "component": "Ad", "value": "0.8"} for t in times])
+        expected = self.assimilate()[-1]
+        service = self.serve()
+        for datum in self.data:
+            service.send(datum)
+        service.settled(12)
+        last = service.get("/v1/state")[1]
+        self.assertEqual(len(last["mean"]), 1)
+        std = expected["covariance"][0][0] ** 0.5
+        self.assertAlmostEqual(last["mean"][0], expected["mean"][0], delta=1e-6 * std)
+        self.assertAlmostEqual(last["covariance"][0][0] ** 0.5, std, delta=1e-6 * std)
+        for name, forecast in expected["forecast"].items():
+            self.assertAlmostEqual(last["forecast"][name]["mean"], forecast["mean"], delta=1e-6 * abs(forecast["mean"]))
 
     def test_a_correction_beside_offsets_is_served_as_it_is_assimilated(self):
         self.edit("[method]\n", '[method]\nbias_correction = "on"\noffset_std = 1e-6\n')
