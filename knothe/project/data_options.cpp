@@ -66,7 +66,8 @@ const Section<ParameterOptions>& parameter_section() {
             "whose value at each time is the series of its name in the data file (`knothe assimilate`).",
             required);
         s.add("value", &P::value,
-              "Known parameter: its value for forecasts and fields, and with `knothe serve` for the data; without it, "
+              "Known parameter: its value for forecasts and fields, and with `knothe serve` for the data; "
+              "without it, "
               "the last one measured.");
         s.add("mean", &P::mean, "Mean of a normal prior, before truncation to the model's box.", no_default);
         s.add("std", &P::std, "Standard deviation of a normal prior, before truncation.", positive,

@@ -361,7 +361,7 @@ QuadraturePosterior integrate(const Grid& grid, const std::vector<GridRun>& runs
 
 /// The points, but those that carry nothing (together less than 1e-6 of the mass): forecasts look at every
 /// point there is.
-void take_points(QuadraturePosterior& posterior, const Grid& grid, std::vector<GridRun> runs) {
+void set_points(QuadraturePosterior& posterior, const Grid& grid, std::vector<GridRun> runs) {
   Eigen::VectorXd& weights = posterior.weights;
   const double floor = 1e-6 / static_cast<double>(weights.size());
   std::vector<Index> kept;
@@ -419,7 +419,7 @@ QuadraturePosterior filled_quadrature(sampling::LogDensity& target, const Quadra
       spacing = (change >= finer).select(spacing / 2, spacing).eval();
       continue;
     }
-    take_points(result, grid, std::move(fill.runs()));
+    set_points(result, grid, std::move(fill.runs()));
     result.quantiles.resize(3, static_cast<Index>(numerics::k_quantile_levels.size()));
     const Eigen::MatrixXd axes = grid.axes();
     for (Index k = 0; k < 3; ++k) result.quantiles.row(k) = all.quantiles(k, axes.col(k));

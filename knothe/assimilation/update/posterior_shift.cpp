@@ -13,9 +13,9 @@ using Eigen::Index;
 
 /// Of two results with mean and covariance.
 template <class Ours, class Theirs>
-PosteriorShift difference(std::size_t step, const Ours& ours, const Theirs& judge) {
-  const Eigen::ArrayXd std = judge.covariance.diagonal().array().sqrt();
-  return {step, ((ours.mean - judge.mean).array().abs() / std).maxCoeff(),
+PosteriorShift difference(std::size_t step, const Ours& ours, const Theirs& reference) {
+  const Eigen::ArrayXd std = reference.covariance.diagonal().array().sqrt();
+  return {step, ((ours.mean - reference.mean).array().abs() / std).maxCoeff(),
           (ours.covariance.diagonal().array().sqrt() / std - 1).abs().maxCoeff()};
 }
 
@@ -28,34 +28,34 @@ Eigen::VectorXd log_likelihood(SequentialUpdate& update, std::size_t step, const
   return batch.value;
 }
 
-/// The judge's weighted points with the model's likelihood in place of the judge's: no second posterior is
-/// needed, and what the points are off by is off in both. Where too few points would be left the shift is
-/// large, and the model's own posterior says how large.
-PosteriorShift reweighted(SequentialUpdate& by_model, SequentialUpdate& by_judge, std::size_t step) {
+/// The reference's weighted points with the model's likelihood in place of the reference's: no second
+/// posterior is needed, and what the points are off by is off in both. Where too few points would be left the
+/// shift is large, and the model's own posterior says how large.
+PosteriorShift reweighted(SequentialUpdate& by_model, SequentialUpdate& by_reference, std::size_t step) {
   constexpr double k_enough = 0.05;
-  const UpdateResult judge = by_judge.conclude(step);
+  const UpdateResult reference = by_reference.conclude(step);
   const Eigen::VectorXd change =
-      log_likelihood(by_model, step, judge.points) - log_likelihood(by_judge, step, judge.points);
-  const Eigen::VectorXd before = judge.weights.array().max(1e-300).log();
+      log_likelihood(by_model, step, reference.points) - log_likelihood(by_reference, step, reference.points);
+  const Eigen::VectorXd before = reference.weights.array().max(1e-300).log();
   const Eigen::VectorXd log_weight = before + change;
   if (numerics::effective_share(log_weight) < k_enough * numerics::effective_share(before))
-    return difference(step, by_model.conclude(step), judge);
+    return difference(step, by_model.conclude(step), reference);
   const Eigen::VectorXd weights = (log_weight.array() - log_weight.maxCoeff()).exp();
-  return difference(step, numerics::moments_of(judge.points, weights),
-                    numerics::moments_of(judge.points, judge.weights));
+  return difference(step, numerics::moments_of(reference.points, weights),
+                    numerics::moments_of(reference.points, reference.weights));
 }
 
-std::vector<PosteriorShift> reweighted_shifts(SequentialUpdate& by_model, SequentialUpdate& by_judge,
+std::vector<PosteriorShift> reweighted_shifts(SequentialUpdate& by_model, SequentialUpdate& by_reference,
                                               const Eigen::MatrixXd& data) {
   constexpr Index k_steps = 5;  // of those of the data
   const Index n = data.cols(), shown = std::min(n, k_steps);
   for (Index t = 0; t < n; ++t)
-    for (SequentialUpdate* update : {&by_model, &by_judge})
+    for (SequentialUpdate* update : {&by_model, &by_reference})
       update->add({{}, static_cast<std::size_t>(t), static_cast<std::size_t>(t), data.col(t), {}});
   std::vector<PosteriorShift> shifts;
   for (Index k = 1; k <= shown; ++k) {
     check_cancellation("nothing is kept of the posteriors so far");
-    shifts.push_back(reweighted(by_model, by_judge, static_cast<std::size_t>(k * n / shown - 1)));
+    shifts.push_back(reweighted(by_model, by_reference, static_cast<std::size_t>(k * n / shown - 1)));
   }
   return shifts;
 }
@@ -63,23 +63,23 @@ std::vector<PosteriorShift> reweighted_shifts(SequentialUpdate& by_model, Sequen
 }  // namespace
 
 std::vector<PosteriorShift> posterior_shift(std::shared_ptr<const reduction::ObservedModel> model,
-                                            std::shared_ptr<const reduction::ObservedModel> judge,
+                                            std::shared_ptr<const reduction::ObservedModel> reference,
                                             const Eigen::MatrixXd& data, const NoiseModel& noise,
                                             const std::vector<Prior>& priors, Method kind) {
-  assert(model->time.size() == judge->time.size() &&
+  assert(model->time.size() == reference->time.size() &&
          data.cols() == static_cast<Eigen::Index>(model->time.size()));
   const bool is_large = priors.size() > 3;
   UpdateOptions options;
   options.kind = is_large ? Method::automatic : kind;
   SequentialUpdate by_model(std::move(model), noise, priors, options);
-  SequentialUpdate by_judge(std::move(judge), noise, priors, options);
-  if (is_large) return reweighted_shifts(by_model, by_judge, data);
+  SequentialUpdate by_reference(std::move(reference), noise, priors, options);
+  if (is_large) return reweighted_shifts(by_model, by_reference, data);
   std::vector<PosteriorShift> shifts;
   for (Index t = 0; t < data.cols(); ++t) {
     check_cancellation("nothing is kept of the posteriors so far");
     const auto step = static_cast<std::size_t>(t);
     const UpdateResult& ours = by_model.update(step, step, data.col(t));
-    const UpdateResult& theirs = by_judge.update(step, step, data.col(t));
+    const UpdateResult& theirs = by_reference.update(step, step, data.col(t));
     shifts.push_back(difference(step, ours, theirs));
   }
   return shifts;

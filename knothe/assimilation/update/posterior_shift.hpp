@@ -10,21 +10,21 @@
 
 namespace knothe::assimilation {
 
-/// Difference of two posteriors after one step, in units of the judge's posterior.
+/// Difference of two posteriors after one step, in units of the reference's posterior.
 struct PosteriorShift {
   std::size_t step = 0;
-  double mean = 0;  ///< largest over the parameters of |mean − mean_judge| / std_judge
-  double std = 0;   ///< largest over the parameters of |std / std_judge − 1|
+  double mean = 0;  ///< largest over the parameters of |mean − mean_reference| / std_reference
+  double std = 0;   ///< largest over the parameters of |std / std_reference − 1|
 };
 
 /// Assimilates `data` (n_obs × n_t, one column per model time) with both models and compares the posteriors
 /// after every step. Both models observe the same dofs at the same times. `kind`: by transport maps (moments
 /// good to 0.02 std, a second in all) or by dense quadrature (exact, slow, at most 3 parameters). Beyond
-/// three parameters after five steps only, the last among them, by weighted points of the judge's posterior.
-/// Interrupted.
+/// three parameters after five steps only, the last among them, by weighted points of the reference's
+/// posterior. Interrupted.
 [[nodiscard]] std::vector<PosteriorShift> posterior_shift(
     std::shared_ptr<const reduction::ObservedModel> model,
-    std::shared_ptr<const reduction::ObservedModel> judge, const Eigen::MatrixXd& data,
+    std::shared_ptr<const reduction::ObservedModel> reference, const Eigen::MatrixXd& data,
     const NoiseModel& noise, const std::vector<Prior>& priors, Method kind = Method::transport);
 
 /// Largest shift over all steps, and that of the last one.

@@ -56,22 +56,22 @@ class PosteriorShiftTest : public testing::TestWithParam<std::pair<Index, double
 
 TEST_P(PosteriorShiftTest, IsThatOfTheExactPosteriors) {
   const auto [d, change] = GetParam();
-  const auto judge = linear_model(d, 0), model = linear_model(d, change);
+  const auto reference = linear_model(d, 0), model = linear_model(d, change);
   std::mt19937_64 random(8);
   std::normal_distribution<double> normal;
   const VectorXd truth = VectorXd::LinSpaced(d, -0.8, 0.8);
   MatrixXd data(k_sensors, k_times);
   for (Index t = 0; t < k_times; ++t)
     for (Index i = 0; i < k_sensors; ++i)
-      data(i, t) = judge->core[static_cast<std::size_t>(t)].row(i).dot(truth) + k_std * normal(random);
+      data(i, t) = reference->core[static_cast<std::size_t>(t)].row(i).dot(truth) + k_std * normal(random);
   const std::vector<Prior> priors(static_cast<std::size_t>(d), Prior::normal(0, 1));
-  const auto shifts = posterior_shift(model, judge, data,
+  const auto shifts = posterior_shift(model, reference, data,
                                       NoiseModel::independent(VectorXd::Constant(k_sensors, k_std)), priors);
   ASSERT_EQ(shifts.size(), d > 3 ? 5u : 10u);
   EXPECT_EQ(shifts.back().step, 9u);
   for (const PosteriorShift& shift : shifts) {
     const Gaussian ours = exact_posterior(*model, data, shift.step),
-                   theirs = exact_posterior(*judge, data, shift.step);
+                   theirs = exact_posterior(*reference, data, shift.step);
     const Eigen::ArrayXd std = theirs.covariance.diagonal().array().sqrt();
     const double mean = ((ours.mean - theirs.mean).array().abs() / std).maxCoeff();
     const double of_std = (ours.covariance.diagonal().array().sqrt() / std - 1).abs().maxCoeff();
@@ -81,7 +81,8 @@ TEST_P(PosteriorShiftTest, IsThatOfTheExactPosteriors) {
   EXPECT_EQ(summarise(shifts).last.step, 9u);
 }
 
-// A small and a large change, for which the judge's points are too few, with few parameters and with many.
+// A small and a large change, for which the reference's points are too few, with few parameters and with
+// many.
 INSTANTIATE_TEST_SUITE_P(Models, PosteriorShiftTest,
                          testing::Values(std::pair<Index, double>{2, 0.01}, std::pair<Index, double>{2, 0.3},
                                          std::pair<Index, double>{5, 0.01}, std::pair<Index, double>{5, 0.05},

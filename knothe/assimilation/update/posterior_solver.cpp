@@ -51,7 +51,7 @@ transport::MapSolverOptions online(const UpdateOptions& options) {
 }
 
 /// The decision and, in `remark`, why: the tolerance missed, then what speaks against trust.
-void judge(Posterior& r, const std::string& reason) {
+void set_trust(Posterior& r, const std::string& reason) {
   const transport::Trust trust =
       transport::assess_trust({r.variance_diagnostic, r.effective_sample_size, r.second_mode_found, ""});
   r.trusted = trust.trusted;
@@ -144,7 +144,7 @@ bool PosteriorSolver::by_quadrature(Posterior& r, UpdateTimes& times) {
       three ? filled_quadrature(target_, options, search_) : tensor_quadrature(target_, options, search_);
   times.map = microseconds_since(start);
   if (!quadrature.resolved()) return false;
-  take(quadrature, r);
+  set_from(quadrature, r);
   r.map_mean = r.mean;
   r.map_covariance = r.covariance;
   r.log_evidence_lower_bound = r.log_evidence;
@@ -163,7 +163,7 @@ void PosteriorSolver::by_particles(Posterior& r, UpdateTimes& times) {
     turned_ = z;
     transform_->evaluate(turned_, 0, z, no_derivatives_, no_derivatives_);
   };
-  take(sampling::adaptive_importance(target_, options), r);
+  set_from(sampling::adaptive_importance(target_, options), r);
   times.map = microseconds_since(start);
   times.correction = 0;
 }
@@ -176,12 +176,12 @@ void PosteriorSolver::draw(sampling::LogDensity& target, Posterior& r) {
     transform_->evaluate(z, 0, p, no_derivatives_, no_derivatives_);
     return p;
   };
-  take(sampling::recycled_importance(target, options), r);
+  set_from(sampling::recycled_importance(target, options), r);
 }
 
-void PosteriorSolver::take(const sampling::ImportanceResult& draws, Posterior& r) {
+void PosteriorSolver::set_from(const sampling::ImportanceResult& draws, Posterior& r) {
   const sampling::WeightedSample& sample = draws.sample;
-  take(sample.points, sample.weights, numerics::weighted_quantiles(sample.points, sample.weights), r);
+  set_from(sample.points, sample.weights, numerics::weighted_quantiles(sample.points, sample.weights), r);
   sampling::thin(r.points, r.weights, k_max_particles, solver_.options().seed);
   sampling::sort_along_curve(r.points, r.weights);  // the alarm predicts from some of them
   r.method = Method::sequential_monte_carlo;
@@ -228,7 +228,7 @@ void PosteriorSolver::by_grid(Posterior& r, UpdateTimes& times) {
                                                                .evidence_tolerance = k_grid_tolerance,
                                                                .coarse_nodes = k_nodes[d - 1],
                                                                .whole_range = d < 3});
-  take(grid, r);
+  set_from(grid, r);
   r.map_mean = r.mean;
   r.map_covariance = r.covariance;
   r.log_evidence_lower_bound = grid.log_evidence;
@@ -244,7 +244,7 @@ void PosteriorSolver::by_collapsed_map(Posterior& r, UpdateTimes& times) {
   times.map = microseconds_since(start);
   const auto correction_start = monotonic_now();
   const double ess = numerics::effective_share(map_.verification.log_weight);
-  take(map_, r);
+  set_from(map_, r);
   // A second mode may be nearly as heavy as the map's, whose points cover it badly.
   const bool may_integrate = transform_->dimension() <= k_max_quadrature_parameters;
   bool by_quadrature = may_integrate && (ess < k_quadrature_below || map_.second_mode_found);
@@ -257,22 +257,22 @@ void PosteriorSolver::by_collapsed_map(Posterior& r, UpdateTimes& times) {
     r.effective_sample_size = ess;
     r.log_evidence_lower_bound = map_.map_log_evidence();
     integrate(target_, r);
-    judge(r, map_.reason);
+    set_trust(r, map_.reason);
     r.remark += fmt::format("{}moments, quantiles and evidence are by quadrature at {} points",
                             r.remark.empty() ? "" : "; ", r.weights.size());
   } else {
     r.effective_sample_size = correction_.ess;
     r.log_evidence = correction_.log_evidence;
     r.log_evidence_lower_bound = correction_.map_log_evidence;
-    take(correction_.points, correction_.weights, correction_.quantiles, r);
-    judge(r, map_.reason);
+    set_from(correction_.points, correction_.weights, correction_.quantiles, r);
+    set_trust(r, map_.reason);
   }
   times.correction = microseconds_since(correction_start);
 }
 
 void PosteriorSolver::integrate(sampling::LogDensity& target, Posterior& r) {
   const QuadraturePosterior quadrature = tensor_quadrature(target, {}, search_);
-  take(quadrature, r);
+  set_from(quadrature, r);
   r.by_quadrature = quadrature.evidence_change <= k_converged && quadrature.moment_change <= k_converged &&
                     quadrature.mass_at_border <= k_border_mass;
 }
@@ -312,15 +312,15 @@ void PosteriorSolver::by_composed_maps(const StepForm& last, Posterior& r, Updat
   r.effective_sample_size = pushed.effective_sample_size;
   r.log_evidence = pushed.log_evidence;
   r.log_evidence_lower_bound = pushed.log_evidence_lower_bound;
-  take(composition.batch.value, pushed.weights,
-       numerics::weighted_quantiles(composition.batch.value, pushed.weights), r);
+  set_from(composition.batch.value, pushed.weights,
+           numerics::weighted_quantiles(composition.batch.value, pushed.weights), r);
   set_map_moments(r.points, r);
-  judge(r, map_.reason);
+  set_trust(r, map_.reason);
   times.correction = microseconds_since(correction_start);
   times.map = microseconds_since(start) - times.correction;
 }
 
-void PosteriorSolver::take(const transport::MapResult& map, Posterior& r) {
+void PosteriorSolver::set_from(const transport::MapResult& map, Posterior& r) {
   map_points_.resize(map.verification.points.rows(), transform_->dimension());
   transform_->evaluate(map.verification.points, 0, map_points_, no_derivatives_, no_derivatives_);
   set_map_moments(map_points_, r);
@@ -330,10 +330,10 @@ void PosteriorSolver::take(const transport::MapResult& map, Posterior& r) {
   r.second_mode_found = map.second_mode_found;
 }
 
-void PosteriorSolver::take(const QuadraturePosterior& quadrature, Posterior& r) {
+void PosteriorSolver::set_from(const QuadraturePosterior& quadrature, Posterior& r) {
   const QuadraturePosterior::Lattice& lattice = quadrature.lattice;
   if (lattice.runs.empty()) {
-    take(quadrature.turned_points, quadrature.weights, quadrature.quantiles, r);
+    set_from(quadrature.turned_points, quadrature.weights, quadrature.quantiles, r);
   } else {  // p(z) goes axis by axis
     Eigen::MatrixXd axes(lattice.axes.rows(), lattice.axes.cols());
     transform_->evaluate(lattice.axes, 0, axes, no_derivatives_, no_derivatives_);
@@ -347,8 +347,8 @@ void PosteriorSolver::take(const QuadraturePosterior& quadrature, Posterior& r) 
   r.log_evidence = quadrature.log_evidence;
 }
 
-void PosteriorSolver::take(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights,
-                           const Eigen::MatrixXd& z_quantiles, Posterior& r) {
+void PosteriorSolver::set_from(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights,
+                               const Eigen::MatrixXd& z_quantiles, Posterior& r) {
   r.points.resize(z.rows(), z.cols());
   transform_->evaluate(z, 0, r.points, no_derivatives_, no_derivatives_);
   r.weights = weights;

@@ -59,11 +59,11 @@ class PosteriorSolver {
   void by_collapsed_map(Posterior& posterior, UpdateTimes& times);
   void by_composed_maps(const StepForm& last, Posterior& posterior, UpdateTimes& times);
   void compose_anew();
-  void take(const transport::MapResult& map, Posterior& posterior);
-  void take(const QuadraturePosterior& quadrature, Posterior& posterior);
-  void take(const sampling::ImportanceResult& draws, Posterior& posterior);
-  void take(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights, const Eigen::MatrixXd& z_quantiles,
-            Posterior& posterior);
+  void set_from(const transport::MapResult& map, Posterior& posterior);
+  void set_from(const QuadraturePosterior& quadrature, Posterior& posterior);
+  void set_from(const sampling::ImportanceResult& draws, Posterior& posterior);
+  void set_from(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights, const Eigen::MatrixXd& z_quantiles,
+                Posterior& posterior);
   [[nodiscard]] double expected_noise_level(const Posterior& posterior);
 
   Method kind_;

@@ -323,8 +323,8 @@ Index stride_of_points(const Grid& grid, const std::vector<GridRun>& runs, const
 }
 
 /// Every `stride`-th node as a point, but those that carry nothing (together less than 1e-6 of the mass).
-void take_points(QuadraturePosterior& posterior, const Frame& frame, const Grid& grid,
-                 std::vector<GridRun> runs, Index stride) {
+void set_points(QuadraturePosterior& posterior, const Frame& frame, const Grid& grid,
+                std::vector<GridRun> runs, Index stride) {
   const bool has_lattice = grid.dimension() == 2 && frame.axes.size() == 0;
   Eigen::VectorXd& weights = posterior.weights;
   const double floor = 1e-6 / static_cast<double>(weights.size());
@@ -428,7 +428,7 @@ QuadraturePosterior tensor_quadrature(sampling::LogDensity& target, const Quadra
     if (settled() || done == k_max_refinement || next > options.max_nodes) break;
   }
   const Index stride = stride_of_points(grid, runs, result.weights, all);
-  take_points(result, frame, grid, std::move(runs), stride);
+  set_points(result, frame, grid, std::move(runs), stride);
   result.quantiles = quantiles(result, frame, grid, all);
   result.evaluations = density.evaluations();
   return result;
