@@ -203,12 +203,9 @@ class Test(Case):
     CPP = {"transport": ("transport/solve/map_solver.hpp transport/solve/kl_objective.hpp transport/extras/map_distribution.hpp "
                          "numerics/optimise/trust_region.hpp", "transport",
                          ("sampling::LogDensity& target",
-                          "const std::vector<std::pair<int, int>>& edges, const Eigen::VectorXd& a, const Eigen::MatrixXd& x, "
-                          "const Eigen::MatrixXd& z",
-                          "sampling::LogDensity& target, const Eigen::MatrixXd& leading_directions, const Eigen::MatrixXd& rest, int r, "
-                          "Eigen::VectorXd& a",
-                          "MapResult& result, int seed, const Eigen::MatrixXd& z, const numerics::PointRule& rule, "
-                          "const Eigen::VectorXd& given, const Eigen::MatrixXd& rest")),
+                          "const Eigen::VectorXd& a, const Eigen::MatrixXd& x, const Eigen::MatrixXd& z",
+                          "sampling::LogDensity& target, const AffineMap& pre_map, Eigen::VectorXd& a",
+                          "MapResult& result, int seed, const Eigen::MatrixXd& z, const Eigen::VectorXd& given")),
            "imaging": ("files/picture.hpp imaging/correlation/correlation_noise.hpp imaging/correlation/image_correlation.hpp", "imaging",
                        ("",))}
 
