@@ -159,7 +159,7 @@ namespace {
 
 /// Whether what is known has one value for all data: those that come one by one bring no other.
 bool is_fixed(const Project& project, const assimilation::Features& features) {
-  return features[static_cast<std::size_t>(Feature::service)] &&
+  return features[static_cast<std::size_t>(assimilation::Feature::service)] &&
          project.method.verify != ModelVerification::full_order &&
          std::all_of(project.known.begin(), project.known.end(),
                      [](const KnownParameter& known) { return known.value.has_value(); });
