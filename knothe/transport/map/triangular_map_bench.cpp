@@ -65,8 +65,8 @@ void measure(Rectifier rectifier, Eigen::Index d, int order, int repetitions) {
   Eigen::MatrixXd x(k_points, d);
   for (Eigen::Index i = 0; i < x.size(); ++i) x.data()[i] = normal(generator);
   MapBatch plain;
-  std::printf("%s, d = %ld, order %d, %ld coefficients\n", to_text(rectifier).c_str(), static_cast<long>(d),
-              order, static_cast<long>(a.size()));
+  std::printf("%s, d = %ld, order %d, %ld coefficients\n", knothe::to_text(rectifier).c_str(),
+              static_cast<long>(d), order, static_cast<long>(a.size()));
   print("value, log det", k_points, time_of(repetitions, [&] { map.evaluate(x, 0, plain); }));
   Eigen::MatrixXd back;
   print("inverse", k_points, time_of(repetitions, [&] { back = map.inverse(plain.value); }));
