@@ -246,7 +246,12 @@ Posterior posterior_of(const transport::MapResult& solved, const transport::Impo
 void answer_by_few_variables_first(sampling::LogDensity& target, std::uint64_t seed, Posterior& posterior) {
   sampling::NestedLaplaceOptions options;
   options.seed = seed;
-  const sampling::NestedLaplaceResult draws = sampling::nested_laplace(target, options);
+  sampling::NestedLaplaceResult draws;
+  try {
+    draws = sampling::nested_laplace(target, options);
+  } catch (const NumericalError&) {  // no mass where it looks: the map's answer stays
+    return;
+  }
   if (!draws.converged) return;
   const sampling::WeightedSample& sample = draws.sample;
   posterior.mean = plain(sampling::mean_of(sample));

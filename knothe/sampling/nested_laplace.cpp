@@ -252,6 +252,8 @@ NestedLaplaceResult nested_laplace(LogDensity& user_target, const NestedLaplaceO
   }
   log_weight.array() += first.sample.weights.array().max(1e-300).log();
   const double top = log_weight.maxCoeff();
+  if (!std::isfinite(top))
+    throw NumericalError(fmt::format("nested Laplace: the density is zero at all {} draws", n));
   Eigen::VectorXd weights = (log_weight.array() - top).exp();
   const double sum = weights.sum();
   weights /= sum;

@@ -29,7 +29,8 @@ struct NestedLaplaceResult : ImportanceResult {
 /// by `recycled_importance`; then the others (x) from N(x*, H⁻¹). The weights are exact. One mode is assumed:
 /// where there is a second one that counts, the result is not converged. Derivatives that the target lacks
 /// are differences. A function of the target and the options alone. Errors: UsageError for fewer than two
-/// variables; Interrupted; those of `ModeSearch` and of the target.
+/// variables; NumericalError where the density is zero at all draws; Interrupted; those of `ModeSearch` and
+/// of the target.
 [[nodiscard]] NestedLaplaceResult nested_laplace(LogDensity& target,
                                                  const NestedLaplaceOptions& options = {});
 
