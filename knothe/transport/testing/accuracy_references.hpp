@@ -35,42 +35,16 @@ inline Reference reference_of(const sampling::targets::LinearGaussian& target) {
           0};
 }
 
-/// Given z_1, hence τ, the model is linear in the other nine variables: closed form for each τ, and the sum
-/// over an even grid of z_1, which converges faster than any power of the spacing.
+/// By `sampling::targets::exact_moments`.
 inline Reference reference_of(const sampling::targets::EightSchools& target) {
-  const int n = 801;
-  const double step = 18.0 / (n - 1);
-  Eigen::VectorXd log_weight(n);
-  Eigen::MatrixXd first(n, 10), second(n, 10);  // moments given z_1
-  for (int i = 0; i < n; ++i) {
-    const double z1 = -12 + step * i, tau = std::exp(1 + z1);
-    Eigen::MatrixXd a = Eigen::MatrixXd::Zero(8, 9);
-    Eigen::VectorXd y(8);
-    double log_scale = 0;
-    for (Eigen::Index j = 0; j < 8; ++j) {
-      const double s = target.standard_error[static_cast<std::size_t>(j)];
-      a(j, 0) = 5 / s;
-      a(j, 1 + j) = tau / s;
-      y[j] = target.effect[static_cast<std::size_t>(j)] / s;
-      log_scale += std::log(s);
-    }
-    const sampling::targets::LinearGaussian given(a, y, 1);
-    const Eigen::VectorXd mean = given.mean(), variance = given.covariance().diagonal();
-    first(i, 0) = mean[0], second(i, 0) = variance[0] + mean[0] * mean[0];
-    first(i, 1) = z1, second(i, 1) = z1 * z1;
-    first.row(i).tail(8) = mean.tail(8);
-    second.row(i).tail(8) = variance.tail(8) + mean.tail(8).cwiseAbs2();
-    log_weight[i] = given.log_evidence() - log_scale + numerics::normal_log_pdf(z1) + std::log(step);
-  }
-  const double top = log_weight.maxCoeff();
-  const Eigen::VectorXd weight = (log_weight.array() - top).exp();
-  Reference reference;
-  reference.source = "closed form given tau, quadrature over tau";
-  reference.log_evidence = top + std::log(weight.sum());
-  reference.mean = first.transpose() * weight / weight.sum();
-  reference.standard_deviation =
-      (second.transpose() * weight / weight.sum() - reference.mean.cwiseAbs2()).cwiseSqrt();
-  return reference;
+  const sampling::targets::ExactMoments exact = sampling::targets::exact_moments(target);
+  return {"closed form given tau, quadrature over tau",
+          exact.mean,
+          exact.standard_deviation,
+          exact.log_evidence,
+          0,
+          0,
+          0};
 }
 
 /// The mode by Newton's method with step halving, and L with L Lᵀ the inverse of the negative Hessian there.
