@@ -264,8 +264,7 @@ void answer_by_few_variables_first(sampling::LogDensity& target, std::uint64_t s
   posterior.trusted = true;
   posterior.remark = fmt::format(
       "the map is not trusted ({}); the posterior is by weighted draws, variable{} {} first: a mean is off "
-      "by "
-      "at most {:.2f} standard deviations, a standard deviation by {:.1f} %",
+      "by at most {:.2f} standard deviations, a standard deviation by {:.1f} %",
       posterior.remark, draws.first.size() > 1 ? "s" : "", fmt::join(draws.first, ", "), draws.mean_error,
       100 * draws.deviation_error);
 }

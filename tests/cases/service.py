@@ -134,6 +134,10 @@ class Test(ServiceCase):
         self.edit('Ad = { prior = "normal", mean = 1.1, std = 0.4472135954999579 }', 'Ad = { prior = "known" }')
         self.expect(3, "serve", self.project_name, stderr=['give it a "value", which then holds for all of them'])
         self.edit('prior = "known" }', 'prior = "known", value = 0.8 }')
+        alone, compared = 'model = "model.h5"', 'model = { separated = "model.h5", candidates = ["./model.h5"] }'
+        self.edit(alone, compared)
+        self.expect(3, "serve", self.project_name, stderr="or beside [model] candidates")
+        self.edit(compared, alone)
         rows = read_csv(self.folder / "data.csv")
         times = sorted({row["time"] for row in rows}, key=float)
         self.edit('data = "data.h5"', 'data = "known.csv"')

@@ -44,8 +44,9 @@ const std::vector<Row>& table() {
       {F::service,
        {F::known},
        "parameters",
-       "a known parameter without a value is for `knothe assimilate`: data that come one by one do not bring "
-       "it; give it a \"value\", which then holds for all of them"},
+       "a known parameter without a value, or beside [model] candidates, is for `knothe assimilate`: data "
+       "that "
+       "come one by one do not bring it; give it a \"value\", which then holds for all of them"},
       {F::baseline,
        {F::gate, F::student_t, F::noise_level},
        "method.kind",
