@@ -43,9 +43,9 @@ test-all: packages
 	@scripts/install-dependencies.sh build test check
 	scripts/test.sh --full release asan-all tsan fuzz
 
-# The programs only. In a new folder without the tests, and with sources in groups (cmake/KnotheUnity.cmake).
+# The programs only, in a new folder without the tests.
 build: dependencies
-	cmake --preset release $(if $(wildcard build/release/CMakeCache.txt),,-DBUILD_TESTING=OFF -DKNOTHE_UNITY=8)
+	scripts/configure.sh release $(if $(wildcard build/release/CMakeCache.txt),,-DBUILD_TESTING=OFF)
 	cmake --build --preset release -j $(JOBS) --target programs
 
 bench: build

@@ -28,9 +28,7 @@ format() {
 
 run() {  # preset
   echo "== $1: configure and build"
-  local grouped=() # in a new folder sources are compiled in groups: nobody waits for one file (cmake/KnotheUnity.cmake)
-  [ "$1" != release ] || [ -e build/release/CMakeCache.txt ] || grouped=(-DKNOTHE_UNITY=8)
-  if ! cmake --preset "$1" -DBUILD_TESTING=ON "${grouped[@]}" >"build/$1.configure.log" 2>&1; then
+  if ! scripts/configure.sh "$1" -DBUILD_TESTING=ON >"build/$1.configure.log" 2>&1; then
     cat "build/$1.configure.log"; break_off "$1:configure" "build/$1.configure.log"; return
   fi
   grep -A4 -i warning "build/$1.configure.log"
