@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <Eigen/Cholesky>
+
 #include <algorithm>
 #include <cstdlib>
 #include <functional>
@@ -356,6 +358,79 @@ TEST(Engine, ADatumThatDoesNotFitIsRefusedInWordsAndChangesNothing) {
   EXPECT_EQ(both.assimilate(data[0]).models.size(), 2u);
   EXPECT_THROW(both.add(data[1]), DataError);  // the other model has no such time
   EXPECT_TRUE(both.stale().empty());
+}
+
+/// χ² of the last of these data given those before, with w at its posterior mean: from the dense covariance
+/// of all values of all steps, own noise on the diagonal and one offset per sensor.
+double dense_misfit(const EngineSetup& setup, const std::vector<Datum>& data, const StepResult& result,
+                    double offset_std) {
+  const auto& model = *setup.model;
+  const Eigen::Index n = k_sensors, m = std::ssize(data);
+  reduction::FunctionBatch w;
+  w.resize(result.update.points.rows(), model.functions->dimension(), model.functions->count(), 0);
+  model.functions->evaluate(result.update.points, 0, w);
+  const Eigen::VectorXd mean = w.value.transpose() * result.update.weights;
+  Eigen::VectorXd residual(n * m);
+  Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(n * m, n * m);
+  for (Eigen::Index k = 0; k < m; ++k) {
+    const Datum& d = data[k];
+    residual.segment(k * n, n) =
+        d.values - model.lift.col(d.step) - model.space * (model.core[d.step] * mean);
+    const assimilation::GaussianNoise& own = d.noise ? *d.noise : setup.noise.measurement();
+    covariance.block(k * n, k * n, n, n).diagonal() = own.standard_deviations().cwiseAbs2();
+  }
+  for (Eigen::Index i = 0; i < n * m; ++i)
+    for (Eigen::Index j = i % n; j < n * m; j += n) covariance(i, j) += offset_std * offset_std;
+  const auto chi_squared = [&](Eigen::Index size) {
+    const Eigen::VectorXd r = residual.head(size);
+    return r.dot(covariance.topLeftCorner(size, size).llt().solve(r));
+  };
+  return chi_squared(n * m) - chi_squared(n * (m - 1));
+}
+
+TEST(Engine, TheMisfitOfADatumIsThatOfTheWholeLikelihood) {
+  // Offsets of several noise standard deviations, and a datum ten times noisier that says so: by the base
+  // noise alone each datum would be far off.
+  constexpr double k_offset = 2;
+  const EngineSetup setup =
+      random_setup(NoiseModel::independent(Eigen::VectorXd::Constant(k_sensors, 0.3)).with_offsets(k_offset));
+  std::mt19937_64 random(31);
+  std::normal_distribution<double> normal;
+  Eigen::VectorXd offset(k_sensors);
+  for (double& value : offset) value = k_offset * normal(random);
+  Engine engine(setup);
+  std::vector<Datum> data;
+  for (std::size_t t = 0; t < setup.model->time.size(); ++t) {
+    Datum d;
+    d.step = d.time_index = t;
+    const double std = t == 2 ? 3 : 0.3;
+    if (t == 2) d.noise = assimilation::GaussianNoise::independent(Eigen::VectorXd::Constant(k_sensors, std));
+    d.values = setup.model->predict(k_truth, t) + offset;
+    for (double& value : d.values) value += std * normal(random);
+    data.push_back(d);
+    const StepResult result = engine.assimilate(d);
+    const assimilation::Misfit& latest = result.update.verdict.latest;
+    EXPECT_EQ(latest.values, k_sensors);
+    const double expected = dense_misfit(setup, data, result, k_offset);
+    EXPECT_NEAR(latest.statistic, expected, 1e-3 * expected + 1e-6) << t;
+    EXPECT_GT(latest.probability, 1e-3) << t;
+    EXPECT_EQ(result.update.verdict.misfit(), nullptr) << result.update.verdict.misfit()->message;
+  }
+}
+
+TEST(Engine, AMisfitIsSeenWithCorrelatedNoiseAndAMissingValue) {
+  EngineSetup setup = random_setup(correlated_noise({}));
+  Engine engine(setup);
+  std::vector<Datum> data = data_in_order(setup, 4, 12);
+  for (Datum& datum : data) datum.values[2] = std::numeric_limits<double>::quiet_NaN();
+  data[3].values[0] += 20;
+  data[3].values[1] -= 20;
+  for (const Datum& datum : data) {
+    const assimilation::Verdict verdict = engine.assimilate(datum).update.verdict;
+    EXPECT_EQ(verdict.latest.values, k_sensors - 1);
+    EXPECT_EQ(verdict.misfit() != nullptr, datum.step == 3) << datum.step;
+    EXPECT_EQ(verdict.latest.probability < 1e-6, datum.step == 3) << datum.step;
+  }
 }
 
 }  // namespace

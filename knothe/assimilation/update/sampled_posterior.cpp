@@ -56,8 +56,7 @@ void set_from_draws(const sampling::ImportanceResult& draws, const ToParameters&
 
 sampling::RecycledImportanceResult solve_by_draws(sampling::LogDensity& target,
                                                   const ToParameters& to_parameters,
-                                                  sampling::RecycledImportanceOptions options,
-                                                  Posterior& r) {
+                                                  sampling::RecycledImportanceOptions options, Posterior& r) {
   options.variables = to_parameters;
   sampling::RecycledImportanceResult draws = sampling::recycled_importance(target, options);
   set_from_draws(draws, to_parameters, draws.temperatures.back(), r);
