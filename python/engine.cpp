@@ -104,7 +104,7 @@ class Twin {
     forget_stale();
   }
   [[nodiscard]] SharedResult result(std::size_t step) {
-    if (engine_->data_count(step) == 0) throw UsageError(fault(step) + " is not assimilated");
+    if (engine_->data().count(step) == 0) throw UsageError(fault(step) + " is not assimilated");
     SharedResult& kept = results_[step];
     if (!kept) kept = std::make_shared<Result>(Result{engine_->conclude(step), priors_, axes_});
     return kept;
@@ -118,7 +118,7 @@ class Twin {
   /// Of all steps: what the last line of `knothe assimilate` says.
   [[nodiscard]] std::string run_verdict() {
     assimilation::RunVerdict run;
-    for (const std::size_t step : engine_->steps()) run.add(result(step)->step.update.verdict);
+    for (const auto& [step, data] : engine_->data().steps()) run.add(result(step)->step.update.verdict);
     return files::json_line(report::verdict_record(run.verdict()));
   }
   [[nodiscard]] std::optional<assimilation::Datum> next() {
@@ -290,13 +290,19 @@ void bind_twin(py::module_& module) {
       .def("run_verdict",
            [](Twin& twin) { return long_call(twin.mutex, [&] { return twin.run_verdict(); }); })
       .def("next", [](Twin& twin) { return long_call(twin.mutex, [&] { return twin.next(); }); })
-      .def("steps", [](Twin& twin) { return long_call(twin.mutex, [&] { return twin.engine().steps(); }); })
+      .def("steps",
+           [](Twin& twin) {
+             return long_call(twin.mutex, [&] { return twin.engine().data().step_numbers(); });
+           })
       .def("times", [](const Twin& twin) { return array_of(twin.times()); })
       .def("parameters", [](const Twin& twin) { return twin.engine().model().parameters; })
       .def(
           "values",
           [](Twin& twin, std::size_t step) {
-            return array_of(long_call(twin.mutex, [&] { return plain(twin.engine().last_values(step)); }));
+            return array_of(long_call(twin.mutex, [&] {
+              const auto last = twin.engine().data().last(step);
+              return last ? plain(last->values) : std::vector<double>();
+            }));
           },
           arg("step"))
       .def("sensors",

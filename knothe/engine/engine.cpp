@@ -32,7 +32,7 @@ Engine Engine::with_setup(EngineSetup setup) const {
   setup.update = setup_.update;
   setup.corrected_steps = setup_.corrected_steps;
   Engine other(std::move(setup));
-  for (const Datum& datum : data()) other.add(datum);
+  for (const assimilation::DatumPointer& datum : data_.all()) other.add(datum);
   return other;
 }
 
@@ -53,46 +53,47 @@ void Engine::require_fits(const Datum& datum) const {
     if (candidate.time_indices.at(datum.time_index) >= candidate.setup.model->time.size())
       throw DataError(fmt::format("step {}: the model {} has no time {}", datum.step, candidate.name,
                                   setup_.model->time[datum.time_index]));
-  const auto found = steps_.find(datum.step);
-  if (found != steps_.end() && found->second.time_index != datum.time_index)
-    throw UsageError(fmt::format("step {}: its data are of model time {}, not {}", datum.step,
-                                 found->second.time_index, datum.time_index));
 }
 
 void Engine::add(const Datum& datum) {
+  add(std::make_shared<const Datum>(datum));
+}
+
+void Engine::add(const assimilation::DatumPointer& kept) {
+  const Datum& datum = *kept;
   require_fits(datum);
-  const auto found = steps_.find(datum.step);
-  if (found != steps_.end() && found->second.data.contains(datum.key)) return;
-  method_->add(datum);
-  for (std::size_t k = 0; k < candidates_.size(); ++k) {
-    Datum seen = datum;
-    seen.time_index = setup_.candidates[k].time_indices.at(datum.time_index);
-    candidates_[k]->add(seen);
+  if (!data_.add(kept)) return;
+  std::vector<PosteriorMethod*> told;  // who has it, if a later one refuses it
+  const auto tell = [&](PosteriorMethod& method, std::size_t time_index) {
+    method.add(kept, time_index);
+    told.push_back(&method);
+  };
+  try {
+    tell(*method_, datum.time_index);
+    for (std::size_t k = 0; k < candidates_.size(); ++k)
+      tell(*candidates_[k], setup_.candidates[k].time_indices.at(datum.time_index));
+  } catch (...) {
+    for (PosteriorMethod* method : told) method->withdraw(datum.step, datum.key);
+    data_.withdraw(datum.step, datum.key);
+    throw;
   }
-  Step& step = steps_[datum.step];
-  step.time_index = datum.time_index;
-  step.data.emplace(datum.key, Step::Kept{datum.values, datum.noise});
   mark_changed(datum.step);
 }
 
 bool Engine::withdraw(std::size_t step, const DatumKey& key) {
-  const auto found = steps_.find(step);
-  if (found == steps_.end() || !found->second.data.erase(key)) return false;
+  if (!data_.withdraw(step, key)) return false;
   method_->withdraw(step, key);
   for (const auto& candidate : candidates_) candidate->withdraw(step, key);
-  if (found->second.data.empty()) {
-    steps_.erase(found);
-    stale_.erase(step);
-  }
+  if (data_.count(step) == 0) stale_.erase(step);
   mark_changed(step);
   return true;
 }
 
 void Engine::mark_changed(std::size_t step) {
-  for (auto it = steps_.lower_bound(step); it != steps_.end(); ++it) stale_.insert(it->first);
+  for (auto it = data_.steps().lower_bound(step); it != data_.steps().end(); ++it) stale_.insert(it->first);
   setup_.scores.forget_from(step);
   assessor_.forget_from(step);
-  while (!examined_.empty() && examined_.back().step >= step) examined_.pop_back();
+  while (!examined_.empty() && examined_.back()->step >= step) examined_.pop_back();
   if (!watched_ || *watched_ < step) return;
   watch_ = assimilation::SensorWatch(setup_.noise);
   watched_.reset();
@@ -100,8 +101,8 @@ void Engine::mark_changed(std::size_t step) {
 
 StepResult Engine::conclude(std::size_t step) {
   stale_.erase(step);
-  const Step& here = steps_.at(step);
-  auto scores = setup_.scores.look(step, here.time_index, here.last_values());
+  const assimilation::DatumPointer last = data_.last(step);
+  auto scores = setup_.scores.look(step, last->time_index, last->values);
   StepResult result = result_of(method_->conclude(step));
   result.scores = std::move(scores);
   if (method_->sensors() != nullptr) result.sensors = *method_->sensors();
@@ -143,22 +144,22 @@ std::vector<forecast::NamedForecast> Engine::published_forecasts(const StepResul
 }
 
 void Engine::watch_sensors(std::size_t step, StepResult& result) {
-  for (auto it = watched_ ? steps_.upper_bound(*watched_) : steps_.begin();
-       it != steps_.end() && it->first <= step; ++it)
-    watch_.look(it->second.last_values(), setup_.model->predict(centre_, it->second.time_index));
+  const auto& steps = data_.steps();
+  for (auto it = watched_ ? steps.upper_bound(*watched_) : steps.begin();
+       it != steps.end() && it->first <= step; ++it) {
+    const assimilation::Datum& last = *it->second.rbegin()->second;
+    watch_.look(last.values, setup_.model->predict(centre_, last.time_index));
+  }
   watched_ = step;
   result.stuck = watch_.stuck();
   result.absent = watch_.absent();
 }
 
 /// All data up to `step`, in the order of the steps.
-std::span<const assimilation::ExaminedDatum> Engine::data_up_to(std::size_t step) {
-  while (!examined_.empty() && examined_.back().step > step) examined_.pop_back();
-  auto it = examined_.empty() ? steps_.begin() : steps_.upper_bound(examined_.back().step);
-  for (; it != steps_.end() && it->first <= step; ++it)
-    for (const auto& [key, kept] : it->second.data)
-      examined_.push_back(
-          {it->first, it->second.time_index, &kept.values, kept.noise ? &*kept.noise : nullptr});
+std::span<const assimilation::DatumPointer> Engine::data_up_to(std::size_t step) {
+  while (!examined_.empty() && examined_.back()->step > step) examined_.pop_back();
+  const auto seen = examined_.empty() ? std::nullopt : std::optional(examined_.back()->step);
+  for (assimilation::DatumPointer& datum : data_.between(seen, step)) examined_.push_back(std::move(datum));
   return examined_;
 }
 
@@ -177,7 +178,7 @@ void Engine::assess(std::size_t step, StepResult& result) {
   posterior.corrected = update != nullptr && update->is_corrected();
   if (update != nullptr && update->changes().possible()) {
     std::vector<std::size_t> steps;
-    for (const assimilation::ExaminedDatum& datum : data) steps.push_back(datum.step);
+    for (const assimilation::DatumPointer& datum : data) steps.push_back(datum->step);
     data = data.subspan(update->changes().count_forgotten(steps));
     assessor_.forget_from(0);
   } else if (update != nullptr) {
@@ -197,41 +198,12 @@ void Engine::compare_models(std::size_t step, StepResult& result) {
   result.models = assimilation::compare_models(names, evidences);
 }
 
-std::vector<Datum> Engine::data() const {
-  std::vector<Datum> all;
-  for (const auto& [number, step] : steps_)
-    for (const auto& [key, kept] : step.data)
-      all.push_back({key, number, step.time_index, kept.values, kept.noise});
-  return all;
-}
-
-std::vector<std::size_t> Engine::steps() const {
-  std::vector<std::size_t> steps;
-  for (const auto& [step, data] : steps_) steps.push_back(step);
-  return steps;
-}
-
-std::optional<std::size_t> Engine::last_step() const {
-  if (steps_.empty()) return std::nullopt;
-  return steps_.rbegin()->first;
-}
-
-std::size_t Engine::data_count(std::size_t step) const {
-  const auto it = steps_.find(step);
-  return it == steps_.end() ? 0 : it->second.data.size();
-}
-
 Datum Engine::last_datum(std::size_t step) const {
-  const auto found = steps_.find(step);
-  if (found == steps_.end()) throw UsageError(fmt::format("step {} has no data", step));
-  const auto& [key, kept] = *found->second.data.rbegin();
-  return {key, step, found->second.time_index, kept.values,
-          kept.noise ? *kept.noise : setup_.noise.at_step(step)};
-}
-
-Eigen::VectorXd Engine::last_values(std::size_t step) const {
-  const auto it = steps_.find(step);
-  return it == steps_.end() ? Eigen::VectorXd() : it->second.last_values();
+  const assimilation::DatumPointer last = data_.last(step);
+  if (!last) throw UsageError(fmt::format("step {} has no data", step));
+  Datum datum = *last;
+  if (!datum.noise) datum.noise = setup_.noise.at_step(step);
+  return datum;
 }
 
 std::optional<assimilation::StepForm> Engine::form_up_to(std::size_t step) {

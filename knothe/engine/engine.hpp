@@ -54,6 +54,7 @@ class Engine {
   /// for values that are infinite or whose misfit overflows, UsageError for a datum of the wrong size or
   /// time: nothing has changed then.
   void add(const assimilation::Datum& datum);
+  void add(const assimilation::DatumPointer& datum);
   /// Takes a datum out: from then on everything is, to the bit, as if it had never come. False where it is
   /// not there.
   bool withdraw(std::size_t step, const assimilation::DatumKey& key);
@@ -70,12 +71,8 @@ class Engine {
   /// Beside a result's forecasts of crack lengths: those of Eq. 33 with the predicted field as a normal one.
   [[nodiscard]] std::vector<forecast::NamedForecast> published_forecasts(const StepResult& result);
 
-  [[nodiscard]] std::vector<assimilation::Datum> data() const;  ///< all, by step and key
-  [[nodiscard]] std::vector<std::size_t> steps() const;         ///< with data, increasing
-  [[nodiscard]] std::optional<std::size_t> last_step() const;
-  [[nodiscard]] std::size_t data_count(std::size_t step) const;
-  /// The values of the last datum of a step (by key): NaN where missing. Empty without data.
-  [[nodiscard]] Eigen::VectorXd last_values(std::size_t step) const;
+  [[nodiscard]] const assimilation::DataSet& data() const { return data_; }
+  [[nodiscard]] std::optional<std::size_t> last_step() const { return data_.last_step(); }
   /// The last datum of a step (by key) with the noise it was measured with; UsageError without data.
   [[nodiscard]] assimilation::Datum last_datum(std::size_t step) const;
   /// The quadratic form of all data of steps ≤ `step`, of functions centred at `centre`; none for methods
@@ -89,21 +86,12 @@ class Engine {
   [[nodiscard]] const Eigen::VectorXd& centre() const { return centre_; }  ///< medians of the priors
 
  private:
-  struct Step {
-    std::size_t time_index = 0;
-    struct Kept {
-      Eigen::VectorXd values;
-      std::optional<assimilation::GaussianNoise> noise;
-    };
-    std::map<assimilation::DatumKey, Kept> data;
-    [[nodiscard]] const Eigen::VectorXd& last_values() const { return data.rbegin()->second.values; }
-  };
   void require_fits(const assimilation::Datum& datum) const;
   void mark_changed(std::size_t step);
   [[nodiscard]] StepResult result_of(const assimilation::UpdateResult& update);
   void watch_sensors(std::size_t step, StepResult& result);
   void compare_models(std::size_t step, StepResult& result);
-  [[nodiscard]] std::span<const assimilation::ExaminedDatum> data_up_to(std::size_t step);
+  [[nodiscard]] std::span<const assimilation::DatumPointer> data_up_to(std::size_t step);
   void assess(std::size_t step, StepResult& result);
 
   EngineSetup setup_;
@@ -111,12 +99,12 @@ class Engine {
   Eigen::VectorXd centre_;
   std::unique_ptr<PosteriorMethod> method_;
   std::vector<std::unique_ptr<PosteriorMethod>> candidates_;
-  std::map<std::size_t, Step> steps_;
+  assimilation::DataSet data_;
   std::set<std::size_t> stale_;
   assimilation::SensorWatch watch_;
   assimilation::Assessor assessor_;
-  std::vector<assimilation::ExaminedDatum> examined_;  ///< of `data_up_to`, kept from step to step
-  std::optional<std::size_t> watched_;                 ///< last step that `watch_` has seen
+  std::vector<assimilation::DatumPointer> examined_;  ///< of `data_up_to`, kept from step to step
+  std::optional<std::size_t> watched_;                ///< last step that `watch_` has seen
 };
 
 }  // namespace knothe::engine

@@ -322,7 +322,7 @@ TEST(Engine, ALateDatumMakesItsStepAndAllLaterOnesStale) {
   EXPECT_TRUE(engine.stale().empty());
   engine.add(data[2]);
   EXPECT_EQ(engine.stale(), (std::set<std::size_t>{2, 3}));
-  EXPECT_EQ(engine.data_count(2), 1u);
+  EXPECT_EQ(engine.data().count(2), 1u);
 }
 
 TEST(Engine, ADatumThatDoesNotFitIsRefusedInWordsAndChangesNothing) {

@@ -14,7 +14,9 @@ class FormMethod final : public PosteriorMethod {
     if (setup.corrected_steps) update_.redo((*setup.corrected_steps)[0], (*setup.corrected_steps)[1]);
   }
 
-  void add(const assimilation::Datum& datum) override { update_.add(datum); }
+  void add(assimilation::DatumPointer datum, std::size_t time_index) override {
+    update_.add(std::move(datum), time_index);
+  }
   void withdraw(std::size_t step, const assimilation::DatumKey& key) override { update_.withdraw(step, key); }
   const assimilation::UpdateResult& conclude(std::size_t step) override { return update_.follow(step); }
   const assimilation::UpdateResult& preview(std::size_t step) override { return update_.preview(step); }

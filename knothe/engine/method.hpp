@@ -4,7 +4,7 @@
 #include <array>
 #include <memory>
 
-#include "knothe/assimilation/data/datum.hpp"
+#include "knothe/assimilation/data/data_set.hpp"
 #include "knothe/assimilation/update/robust_update.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
 
@@ -14,8 +14,9 @@ namespace knothe::engine {
 class PosteriorMethod {
  public:
   virtual ~PosteriorMethod() = default;
-  /// A datum that is not there yet. DataError for one that cannot be assimilated: nothing has changed then.
-  virtual void add(const assimilation::Datum& datum) = 0;
+  /// A datum that is not there yet, at a model time (index) of this method's model. DataError for one that
+  /// cannot be assimilated: nothing has changed then.
+  virtual void add(assimilation::DatumPointer datum, std::size_t time_index) = 0;
   /// Takes a datum out that is there.
   virtual void withdraw(std::size_t step, const assimilation::DatumKey& key) = 0;
   /// The posterior of all data of steps ≤ `step`, which has data, as `SequentialUpdate::follow` has it.

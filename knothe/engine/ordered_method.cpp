@@ -17,9 +17,9 @@ void OrderedMethod::begin_anew() {
                                                          setup_.update, setup_.robust);
 }
 
-void OrderedMethod::add(const Datum& datum) {
-  const Place place(datum.step, datum.key);
-  data_.insert_or_assign(place, Kept{datum.time_index, datum.values, datum.noise});
+void OrderedMethod::add(assimilation::DatumPointer datum, std::size_t time_index) {
+  const Place place(datum->step, datum->key);
+  data_.insert_or_assign(place, Timed{std::move(datum), time_index});
   if (last_ && place <= *last_) begin_anew();
 }
 
@@ -29,14 +29,15 @@ void OrderedMethod::withdraw(std::size_t step, const DatumKey& key) {
   if (last_ && place <= *last_) begin_anew();
 }
 
-void OrderedMethod::assimilate(const Place& place, const Kept& datum) {
+void OrderedMethod::assimilate(const Place& place, const Timed& timed) {
+  const Datum& datum = *timed.datum;
   const std::size_t step = place.first;
   number_ = last_ ? std::max(step, number_ + 1) : step;
   if (datum.noise || (number_ != step && setup_.noise.has_step(step))) {
     const assimilation::GaussianNoise& noise = datum.noise ? *datum.noise : setup_.noise.at_step(step);
     robust_->set_step_noise(number_, noise);
   }
-  result_ = robust_->update(number_, datum.time_index, datum.values);
+  result_ = robust_->update(number_, timed.time_index, datum.values);
   result_.step = step;
   last_ = place;
 }

@@ -11,7 +11,7 @@ class OrderedMethod : public PosteriorMethod {
  public:
   explicit OrderedMethod(const MethodSetup& setup);
 
-  void add(const assimilation::Datum& datum) override;
+  void add(assimilation::DatumPointer datum, std::size_t time_index) override;
   void withdraw(std::size_t step, const assimilation::DatumKey& key) override;
   const assimilation::UpdateResult& conclude(std::size_t step) override;
   const assimilation::UpdateResult& preview(std::size_t step) override { return conclude(step); }
@@ -22,18 +22,17 @@ class OrderedMethod : public PosteriorMethod {
   [[nodiscard]] std::optional<assimilation::StepForm> form_up_to(std::size_t) override { return {}; }
 
  private:
-  struct Kept {
-    std::size_t time_index;
-    Eigen::VectorXd values;
-    std::optional<assimilation::GaussianNoise> noise;
+  struct Timed {
+    assimilation::DatumPointer datum;
+    std::size_t time_index;  ///< of this method's model
   };
   using Place = std::pair<std::size_t, assimilation::DatumKey>;
   void begin_anew();
-  void assimilate(const Place& place, const Kept& datum);
+  void assimilate(const Place& place, const Timed& timed);
 
   MethodSetup setup_;
   std::unique_ptr<assimilation::RobustUpdate> robust_;
-  std::map<Place, Kept> data_;
+  std::map<Place, Timed> data_;
   std::optional<Place> last_;  ///< assimilated
   std::size_t number_ =
       0;  ///< of the last datum assimilated: its step, or more where steps have several data

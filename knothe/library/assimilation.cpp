@@ -69,7 +69,7 @@ std::vector<double> Assimilation::times() const {
   return implementation_->engine.model().time;
 }
 std::vector<std::size_t> Assimilation::steps() const {
-  return implementation_->engine.steps();
+  return implementation_->engine.data().step_numbers();
 }
 
 std::vector<double> Assimilation::predict(std::span<const double> p, std::size_t step) const {
@@ -87,7 +87,7 @@ Posterior Assimilation::assimilate(const Datum& datum) {
     throw UsageError(fmt::format("datum of step {}: {} for {}; NaN stands for one that is missing",
                                  datum.step, counted(datum.values.size(), "value"),
                                  counted(sensors, "sensor")));
-  if (implementation_->engine.data_count(datum.step) > 0)
+  if (implementation_->engine.data().count(datum.step) > 0)
     throw UsageError(
         fmt::format("step {} is assimilated already: withdraw it before adding another", datum.step));
   assimilation::Datum added{{}, datum.step, datum.step, vector_of(datum.values), std::nullopt};

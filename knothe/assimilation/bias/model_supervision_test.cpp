@@ -30,10 +30,10 @@ struct Supervised {
   explicit Supervised(const UpdateOptions& options)
       : solver(*model, transform, store.projector().central_functions(), options),
         supervision(model, store.projector().noise(), transform, options) {
-    store.retain(supervision.learns(), supervision.is_joint());
+    store.make_moved_forms(supervision.is_joint());
   }
   void add(std::size_t step) {
-    store.add({{}, step, step, data.col(static_cast<Eigen::Index>(step)), std::nullopt});
+    store.add(test::datum(step, data.col(static_cast<Eigen::Index>(step))), step);
     (void)store.settle();
   }
   /// The alarm, if it went off.

@@ -10,11 +10,17 @@
 #include <random>
 #include <vector>
 
+#include "knothe/assimilation/data/data_set.hpp"
 #include "knothe/assimilation/update/composed_density.hpp"
 #include "knothe/reduction/observe/observed_model.hpp"
 #include "knothe/sampling/log_density.hpp"
 
 namespace knothe::assimilation::test {
+
+/// The only datum of a step, at the model time of that index.
+inline DatumPointer datum(std::size_t step, const Eigen::VectorXd& values) {
+  return std::make_shared<const Datum>(Datum{{}, step, step, values, std::nullopt});
+}
 
 /// w(p) = p, unbounded: the model of the Kalman filter.
 class LinearFunctions : public reduction::ParameterFunctions {

@@ -75,7 +75,7 @@ TEST(Calibration, TruthsFromThePriorAreUniformInThePosteriorAtEveryStage) {
     const Eigen::Vector2d truth = truth_of(update.transform(), run);
     const Eigen::MatrixXd data = test::synthetic_data(*model, truth, std, 5000 + static_cast<unsigned>(run));
     for (std::size_t t = 0; t <= stages.back(); ++t) {
-      update.add({{}, t, t, data.col(static_cast<Eigen::Index>(t)), std::nullopt});
+      update.add(test::datum(t, data.col(static_cast<Eigen::Index>(t))), t);
     }
     for (std::size_t s = 0; s < stages.size(); ++s) {
       update.conclude(stages[s]);

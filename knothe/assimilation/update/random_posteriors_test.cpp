@@ -18,7 +18,7 @@ void check_posteriors(const test::RandomPosterior& situation, Tally& tally) {
   SequentialUpdate update(situation.model, situation.noise(), situation.priors());
   for (Eigen::Index t = 0; t < situation.steps(); ++t) {
     const auto step = static_cast<std::size_t>(t);
-    update.add({.step = step, .time_index = step, .values = situation.datum(t)});
+    update.add(test::datum(step, situation.datum(t)), step);
     if (t != 0 && t + 1 != situation.steps()) continue;
     const UpdateResult& r = update.follow(step);
     const auto exact = situation.exact(t);

@@ -122,11 +122,9 @@ void RobustUpdate::assimilate(std::size_t step, std::size_t time_index, const Ei
     const Eigen::VectorXd& factor = student_->precision_factors();
     sensors_.weight = factor.array().isNaN().select(sensors_.weight, factor);
   } else {
-    gaussian_->add({{},
-                    step,
-                    time_index,
-                    values,
-                    noise_.has_step(step) ? std::optional(noise_.at_step(step)) : std::nullopt});
+    Datum datum{{}, step, time_index, values, std::nullopt};  // as it is judged: without what is rejected
+    if (noise_.has_step(step)) datum.noise = noise_.at_step(step);
+    gaussian_->add(std::make_shared<const Datum>(std::move(datum)), time_index);
     result_ = gaussian_->conclude(step);
   }
 }

@@ -22,7 +22,7 @@ SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedMode
       changes_(options),
       restart_on_alarm_(options.restart_on_alarm) {
   require_compatible(features_of(options) | features_of(store_.projector().noise()));
-  store_.retain(supervision_.learns(), supervision_.is_joint());
+  store_.make_moved_forms(supervision_.is_joint());
   restart_sums();
 }
 
@@ -52,7 +52,7 @@ const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_
     throw UsageError(
         fmt::format("step {} is assimilated already: withdraw it before assimilating it again", step));
   const auto start = monotonic_now();
-  add({{}, step, time_index, values, std::nullopt});
+  add(std::make_shared<const Datum>(Datum{{}, step, time_index, values, std::nullopt}), time_index);
   apply_changes();
   const double projection = microseconds_since(start);
   conclude(store_.last());
@@ -65,8 +65,8 @@ const UpdateResult& SequentialUpdate::remove(std::size_t step) {
   return store_.steps().empty() ? result_ : conclude(store_.last());
 }
 
-void SequentialUpdate::add(const Datum& datum) {
-  store_.add(datum);
+void SequentialUpdate::add(DatumPointer datum, std::size_t time_index) {
+  store_.add(std::move(datum), time_index);
 }
 
 void SequentialUpdate::withdraw(std::size_t step, const DatumKey& key) {

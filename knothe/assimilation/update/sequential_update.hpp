@@ -45,8 +45,8 @@ class SequentialUpdate {
 
   /// The halves of `update`, for who holds many data at once (a journal that is replayed, several data of one
   /// step). `add` makes no posterior; a datum takes the place of one with its key. Errors: DataError for one
-  /// that cannot be assimilated, and then nothing has changed.
-  void add(const Datum& datum);
+  /// that cannot be assimilated, and then nothing has changed. `time_index`: of this update's model.
+  void add(DatumPointer datum, std::size_t time_index);
   /// UsageError for a datum that is not there.
   void withdraw(std::size_t step, const DatumKey& key);
   /// The posterior of all steps up to `step`, as if nothing later had come; result() and posterior() are then

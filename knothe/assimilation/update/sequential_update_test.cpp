@@ -265,7 +265,7 @@ TEST(SequentialUpdate, DataAddedInAnyOrderGiveThePosteriorOfEveryStep) {
       points.push_back(in_order.posterior().points);
     }
     const auto add = [&](std::size_t t) {
-      late.add({{}, t, t, data.col(static_cast<Eigen::Index>(t)), std::nullopt});
+      late.add(test::datum(t, data.col(static_cast<Eigen::Index>(t))), t);
     };
     for (std::size_t t : {3u, 0u, 4u, 2u}) add(t);
     late.conclude(4);

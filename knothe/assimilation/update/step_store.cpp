@@ -29,8 +29,7 @@ StepForm sum_of(const StoredStep& step) {
 }  // namespace
 
 const Eigen::VectorXd* StoredStep::values() const {
-  const bool one = data.size() == 1 && data.begin()->second.values.size() > 0;
-  return one ? &data.begin()->second.values : nullptr;
+  return data.size() == 1 ? &data.begin()->second.datum->values : nullptr;
 }
 
 void FormSums::add(const StoredStep& step) {
@@ -50,24 +49,25 @@ StepStore::StepStore(std::shared_ptr<const reduction::ObservedModel> model, Nois
                      const Eigen::VectorXd& centre)
     : noise_(noise), projector_(std::move(model), std::move(noise), centre) {}
 
-void StepStore::add(const Datum& datum) {
-  const auto [it, is_new] = steps_.try_emplace(datum.step);
+void StepStore::add(DatumPointer datum, std::size_t time_index) {
+  const std::size_t index = datum->step;
+  const auto [it, is_new] = steps_.try_emplace(index);
   StoredStep& step = it->second;
-  step.time_index = datum.time_index;
-  step.time = projector_.model().time[datum.time_index];
+  step.time_index = time_index;
+  step.time = projector_.model().time[time_index];
   Projected projected;
   try {
-    projected = project(datum.step, step, datum.values, datum.noise);
+    projected = project(step, *datum);
   } catch (...) {
-    restore_noise(datum.step, step);
+    restore_noise(index, step);
     if (is_new) steps_.erase(it);
     throw;
   }
   const bool last =
-      std::next(it) == steps_.end() && (step.data.empty() || step.data.rbegin()->first < datum.key);
-  store_datum(step, datum.key, std::move(projected), datum.values, datum.noise);
+      std::next(it) == steps_.end() && (step.data.empty() || step.data.rbegin()->first < datum->key);
+  store(step, std::move(datum), std::move(projected));
   if (projector_.depends_on_order() && !last) out_of_order_ = true;
-  mark_changed(datum.step);
+  mark_changed(index);
 }
 
 void StepStore::withdraw(std::size_t index, const DatumKey& key) {
@@ -109,12 +109,11 @@ StepStore::Steps::iterator StepStore::before(std::size_t step, int back) {
   return it;
 }
 
-StepStore::Projected StepStore::project(std::size_t index, StoredStep& step, const Eigen::VectorXd& values,
-                                        const std::optional<GaussianNoise>& noise) {
-  set_noise(index, step, noise);
+StepStore::Projected StepStore::project(StoredStep& step, const Datum& datum) {
+  set_noise(datum.step, step, datum.noise);
   Projected projected;
   const bool moved = moved_forms_ && projector_.depends_on_order();
-  projector_.project(index, step.time_index, values, projected.form,
+  projector_.project(datum.step, step.time_index, datum.values, projected.form,
                      moved ? &projected.moved.emplace() : nullptr);
   return projected;
 }
@@ -124,35 +123,29 @@ void StepStore::set_noise(std::size_t index, StoredStep& step, const std::option
   step.own_noise = noise.has_value();
 }
 
-/// The noise of the step's one datum, where it is kept.
+/// The noise of the step's one datum.
 void StepStore::restore_noise(std::size_t index, StoredStep& step) {
-  set_noise(index, step, step.data.size() == 1 ? step.data.begin()->second.noise : std::nullopt);
+  set_noise(index, step, step.data.size() == 1 ? step.data.begin()->second.datum->noise : std::nullopt);
 }
 
-void StepStore::store_datum(StoredStep& step, const DatumKey& key, Projected projected,
-                            const Eigen::VectorXd& values, const std::optional<GaussianNoise>& noise) {
+void StepStore::store(StoredStep& step, DatumPointer datum, Projected projected) {
   StepForm& form = projected.form;
   step.moved = std::move(projected.moved);
   // The sum goes on where the datum comes last; otherwise it is made again when it is asked for: a replay of
   // n data in any order costs n additions, not n²/2.
   if (step.data.empty()) {
     step.form = form;
-  } else if (step.data.rbegin()->first < key && is_summed(step)) {
+  } else if (step.data.rbegin()->first < datum->key && is_summed(step)) {
     step.form.add(form);
   } else {
     step.form.quadratic.resize(0, 0);
   }
-  StoredDatum datum;
-  if (form.missing == 0 && !noise && !projector_.depends_on_order()) {
+  if (form.missing == 0 && !datum->noise && !projector_.depends_on_order()) {
     if (step.complete_quadratic.size() == 0) step.complete_quadratic = std::move(form.quadratic);
     form.quadratic.resize(0, 0);
   }
-  datum.form = std::move(form);
-  if (projector_.depends_on_order() || values_) {
-    datum.values = values;
-    datum.noise = noise;
-  }
-  step.data.insert_or_assign(key, std::move(datum));
+  const DatumKey key = datum->key;
+  step.data.insert_or_assign(key, ProjectedForm{std::move(datum), std::move(form)});
 }
 
 /// Where data share an error the form of each depends on those before it: all are made again, in order.
@@ -161,8 +154,7 @@ void StepStore::project_again() {
   projector_.restart();
   for (auto& [index, step] : steps_) {
     const auto data = std::exchange(step.data, {});
-    for (const auto& [key, datum] : data)
-      store_datum(step, key, project(index, step, datum.values, datum.noise), datum.values, datum.noise);
+    for (const auto& [key, projected] : data) store(step, projected.datum, project(step, *projected.datum));
   }
 }
 

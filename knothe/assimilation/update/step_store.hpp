@@ -8,24 +8,23 @@
 #include <optional>
 #include <vector>
 
-#include "knothe/assimilation/data/datum.hpp"
+#include "knothe/assimilation/data/data_set.hpp"
 #include "knothe/assimilation/update/datum_projector.hpp"
 #include "knothe/assimilation/update/step_form.hpp"
 
 namespace knothe::assimilation {
 
-/// What is kept of a datum.
-struct StoredDatum {
-  StepForm form;                       ///< G only where it is its own: `StoredStep::complete_quadratic`
-  Eigen::VectorXd values;              ///< kept where forms depend on the data before, or for a correction
-  std::optional<GaussianNoise> noise;  ///< kept with the values
+/// A datum and what was made of it.
+struct ProjectedForm {
+  DatumPointer datum;
+  StepForm form;  ///< G only where it is its own: `StoredStep::complete_quadratic`
 };
 
 /// The data of a step: their form, and how it is assimilated.
 struct StoredStep {
   std::size_t time_index = 0;
   double time = 0;
-  std::map<DatumKey, StoredDatum> data;
+  std::map<DatumKey, ProjectedForm> data;
   Eigen::MatrixXd
       complete_quadratic;  ///< G of complete data with the sensors' noise; empty if there were none
   StepForm form;           ///< sum of the data's in the order of their keys
@@ -40,8 +39,7 @@ struct StoredStep {
 
   /// The form as it is assimilated; with sizes of a discrepancy, that of none.
   [[nodiscard]] const StepForm& assimilated() const { return corrected_form ? *corrected_form : form; }
-  /// The values of the step's one datum, which a correction goes by; null where there are several, or where
-  /// they are not kept.
+  /// The values of the step's one datum, which a correction goes by; null where there are several.
   [[nodiscard]] const Eigen::VectorXd* values() const;
 };
 
@@ -67,13 +65,12 @@ class StepStore {
   StepStore(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
             const Eigen::VectorXd& centre);
 
-  /// Whether values are kept of data added from now on (they are where forms depend on the order), and
-  /// `MovedForm`s made, where they depend on it.
-  void retain(bool values, bool moved_forms) { values_ = values, moved_forms_ = moved_forms; }
+  /// Whether `MovedForm`s are made of data added from now on, where forms depend on the order.
+  void make_moved_forms(bool wanted) { moved_forms_ = wanted; }
 
-  /// Adds a datum, in place of one with its key. Errors: those of `DatumProjector::project`, and then nothing
-  /// has changed.
-  void add(const Datum& datum);
+  /// Adds a datum, in place of one with its key, at model time index `time_index` of this store's model.
+  /// Errors: those of `DatumProjector::project`, and then nothing has changed.
+  void add(DatumPointer datum, std::size_t time_index);
   /// Errors: UsageError for a datum that is not there.
   void withdraw(std::size_t step, const DatumKey& key);
   /// Makes the forms that have changed, once for many data: before this `steps` are not up to date. The first
@@ -95,10 +92,8 @@ class StepStore {
     StepForm form;
     std::optional<MovedForm> moved;
   };
-  [[nodiscard]] Projected project(std::size_t index, StoredStep& step, const Eigen::VectorXd& values,
-                                  const std::optional<GaussianNoise>& noise);
-  void store_datum(StoredStep& step, const DatumKey& key, Projected projected, const Eigen::VectorXd& values,
-                   const std::optional<GaussianNoise>& noise);
+  [[nodiscard]] Projected project(StoredStep& step, const Datum& datum);
+  void store(StoredStep& step, DatumPointer datum, Projected projected);
   void project_again();
   void set_noise(std::size_t index, StoredStep& step, const std::optional<GaussianNoise>& noise);
   void restore_noise(std::size_t index, StoredStep& step);
@@ -109,7 +104,7 @@ class StepStore {
   Steps steps_;
   std::optional<std::size_t> changed_;  ///< the first
   bool out_of_order_ = false;  ///< forms depend on data before them that were added later, or withdrawn
-  bool values_ = false, moved_forms_ = false;
+  bool moved_forms_ = false;
 };
 
 }  // namespace knothe::assimilation

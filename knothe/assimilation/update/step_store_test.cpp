@@ -25,7 +25,7 @@ struct StepStoreTest : ::testing::Test {
     return {model, shared ? noise.with_offsets(0.2) : noise, Eigen::Vector2d(1, 1)};
   }
   void add(StepStore& store, std::size_t step) const {
-    store.add({{}, step, step, data.col(static_cast<Eigen::Index>(step)), std::nullopt});
+    store.add(test::datum(step, data.col(static_cast<Eigen::Index>(step))), step);
   }
 };
 
@@ -83,7 +83,7 @@ TEST_F(StepStoreTest, RefusesWhatIsNotThereAndWhatCannotBe) {
   EXPECT_EQ(message([&] { store.withdraw(1, {}); }),
             "step 1 is not assimilated: there is nothing to withdraw");
   EXPECT_EQ(message([&] { (void)store.find(1); }), "step 1 is not assimilated: there is no posterior of it");
-  EXPECT_THROW(store.add({{}, 3, 3, Eigen::VectorXd::Constant(n, 1e200), std::nullopt}), DataError);
+  EXPECT_THROW(store.add(test::datum(3, Eigen::VectorXd::Constant(n, 1e200)), 3), DataError);
   EXPECT_EQ(store.steps().size(), 1u);
 }
 

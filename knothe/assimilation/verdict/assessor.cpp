@@ -117,7 +117,7 @@ Assessor::Assessor(std::shared_ptr<const reduction::ObservedModel> model, NoiseM
     projected_.push_back(model_->core[t].transpose() * (weighted * errors_.coefficients[t]));
 }
 
-Verdict Assessor::assess(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data) {
+Verdict Assessor::assess(const AssessedPosterior& posterior, std::span<const DatumPointer> data) {
   Verdict verdict;
   if (posterior.latest != nullptr) verdict.latest = misfit_of(*posterior.latest, posterior);
   assess_computation(posterior.update, verdict);
@@ -148,7 +148,7 @@ Misfit Assessor::misfit_of(const StepForm& form, const AssessedPosterior& poster
   return misfit;
 }
 
-ResidualReport Assessor::examine(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data) {
+ResidualReport Assessor::examine(const AssessedPosterior& posterior, std::span<const DatumPointer> data) {
   const Index parameters = priors_.dimension();
   ResidualReport report =
       tests_.examine(data, posterior.functions.mean, posterior.update.noise_level.value_or(1.0), parameters);
@@ -172,7 +172,7 @@ ResidualReport Assessor::examine(const AssessedPosterior& posterior, std::span<c
 }
 
 /// `data`: all.
-void Assessor::test_constancy(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data,
+void Assessor::test_constancy(const AssessedPosterior& posterior, std::span<const DatumPointer> data,
                               ResidualReport& report) const {
   if (posterior.all_data == nullptr) return;
   const ParameterChange change =
@@ -180,15 +180,15 @@ void Assessor::test_constancy(const AssessedPosterior& posterior, std::span<cons
                             posterior.functions.tangent, posterior.update.noise_level.value_or(1.0));
   std::size_t first = 0;  // datum after the change
   for (std::size_t steps = 0; first < data.size(); ++first) {
-    const bool is_new = first == 0 || data[first].step != data[first - 1].step;
+    const bool is_new = first == 0 || data[first]->step != data[first - 1]->step;
     if (is_new && steps++ == change.after) break;
   }
   if (first < data.size())
-    report.set(ResidualTest::constancy, change.probability, static_cast<Index>(data[first].step));
+    report.set(ResidualTest::constancy, change.probability, static_cast<Index>(data[first]->step));
 }
 
 std::string Assessor::misfit_in_words(const ResidualReport& report,
-                                      std::span<const ExaminedDatum> data) const {
+                                      std::span<const DatumPointer> data) const {
   const ResidualTest worst = report.worst(options_.fit_caution);
   const Index at = report.at[static_cast<std::size_t>(worst)];
   switch (worst) {
@@ -207,9 +207,10 @@ std::string Assessor::misfit_in_words(const ResidualReport& report,
     case ResidualTest::value:
       return fmt::format("the value of {} at step {} does not fit the model",
                          tests_.name_of(at % report.scores.rows()),
-                         data[static_cast<std::size_t>(at / report.scores.rows())].step);
+                         data[static_cast<std::size_t>(at / report.scores.rows())]->step);
     case ResidualTest::step:
-      return fmt::format("the data of step {} do not fit the model", data[static_cast<std::size_t>(at)].step);
+      return fmt::format("the data of step {} do not fit the model",
+                         data[static_cast<std::size_t>(at)]->step);
     case ResidualTest::modes:
     case ResidualTest::modes_mean:
     case ResidualTest::modes_slow:
@@ -233,12 +234,12 @@ std::string Assessor::misfit_in_words(const ResidualReport& report,
       return fmt::format(
           "step {} repeats the values of the step before to the last digit: it was stored "
           "twice; withdraw it",
-          data[static_cast<std::size_t>(at)].step);
+          data[static_cast<std::size_t>(at)]->step);
   }
   return {};
 }
 
-void Assessor::assess_fit(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data,
+void Assessor::assess_fit(const AssessedPosterior& posterior, std::span<const DatumPointer> data,
                           Verdict& verdict) {
   if (posterior.corrected || data.empty()) return;  // the correction takes up what is left over
   const auto examined = data.last(std::min(options_.examined, data.size()));
@@ -295,16 +296,16 @@ void Assessor::assess_range(const UpdateResult& update, Verdict& verdict) const 
 }
 
 /// Of the values that are there; with correlated noise, as if all were.
-Eigen::MatrixXd Assessor::projected_errors(const ExaminedDatum& datum) const {
+Eigen::MatrixXd Assessor::projected_errors(const Datum& datum) const {
   const Eigen::MatrixXd* step_error = tests_.noise().step_error(datum.step);
-  const bool own = datum.noise != nullptr || tests_.noise().has_step(datum.step) || step_error != nullptr;
-  const GaussianNoise& noise = datum.noise != nullptr ? *datum.noise : tests_.noise().at_step(datum.step);
-  const bool complete = !noise.is_independent() || !datum.values->hasNaN();
+  const bool own = datum.noise || tests_.noise().has_step(datum.step) || step_error != nullptr;
+  const GaussianNoise& noise = datum.noise ? *datum.noise : tests_.noise().at_step(datum.step);
+  const bool complete = !noise.is_independent() || !datum.values.hasNaN();
   if (complete && !own) return projected_[datum.time_index];
   Eigen::MatrixXd errors = errors_.space * errors_.coefficients[datum.time_index];
   if (!complete)
     for (Eigen::Index i = 0; i < errors.rows(); ++i)
-      if (std::isnan((*datum.values)[i])) errors.row(i).setZero();
+      if (std::isnan(datum.values[i])) errors.row(i).setZero();
   const Eigen::MatrixXd weighted =
       step_error == nullptr ? noise.apply(errors) : apply_with_error(noise, *step_error, errors);
   return model_->core[datum.time_index].transpose() * (model_->space.transpose() * weighted);
@@ -345,14 +346,14 @@ Eigen::VectorXd Assessor::mean_shift(const Eigen::MatrixXd& shifts, const Update
 /// a constant − w(p)ᵀ h, h = Σ (U C_t)ᵀ R⁻¹ e(t), as far as e does not change over the posterior, and the
 /// mean moves by −Cov(p, w) h; with the regression Cov(w, p) L⁻ᵀ = T, L Lᵀ = Cov(p), that is −L Tᵀ h. And
 /// where it is known at which parameters each error was found: the model fitted there (`ModelShift`).
-void Assessor::assess_model(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data,
+void Assessor::assess_model(const AssessedPosterior& posterior, std::span<const DatumPointer> data,
                             Verdict& verdict) {
   if (errors_.count() == 0 || data.empty()) return;
   if (sum_.data > data.size() || sum_.data == 0)
     sum_ = {0, 0, Eigen::MatrixXd::Zero(model_->functions->count(), errors_.count())};
   for (; sum_.data < data.size(); ++sum_.data) {
-    sum_.errors += projected_errors(data[sum_.data]);
-    sum_.last_step = data[sum_.data].step;
+    sum_.errors += projected_errors(*data[sum_.data]);
+    sum_.last_step = data[sum_.data]->step;
   }
   const UpdateResult& update = posterior.update;
   const double level = update.noise_level.value_or(1.0);

@@ -52,28 +52,27 @@ class Assessor {
            reduction::ObservedErrors errors, const MonitorOptions& monitor, VerdictOptions options = {});
 
   /// `data`: all that are still to be explained, in the order of the steps.
-  [[nodiscard]] Verdict assess(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data);
+  [[nodiscard]] Verdict assess(const AssessedPosterior& posterior, std::span<const DatumPointer> data);
   /// Data of steps from this one on have changed.
   void forget_from(std::size_t step);
 
  private:
   void assess_computation(const UpdateResult& update, Verdict& verdict) const;
-  void assess_fit(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data, Verdict& verdict);
+  void assess_fit(const AssessedPosterior& posterior, std::span<const DatumPointer> data, Verdict& verdict);
   [[nodiscard]] Misfit misfit_of(const StepForm& form, const AssessedPosterior& posterior) const;
   [[nodiscard]] ResidualReport examine(const AssessedPosterior& posterior,
-                                       std::span<const ExaminedDatum> data);
-  void test_constancy(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data,
+                                       std::span<const DatumPointer> data);
+  void test_constancy(const AssessedPosterior& posterior, std::span<const DatumPointer> data,
                       ResidualReport& report) const;
   [[nodiscard]] std::string misfit_in_words(const ResidualReport& report,
-                                            std::span<const ExaminedDatum> data) const;
+                                            std::span<const DatumPointer> data) const;
   void assess_range(const UpdateResult& update, Verdict& verdict) const;
-  void assess_model(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data,
-                    Verdict& verdict);
+  void assess_model(const AssessedPosterior& posterior, std::span<const DatumPointer> data, Verdict& verdict);
   [[nodiscard]] Eigen::VectorXd mean_shift(const Eigen::MatrixXd& shifts, const UpdateResult& update) const;
   void add_model_reason(const Eigen::VectorXd& shift, double caution, double reject, Verdict& verdict) const;
   void assess_sensors(const AssessedPosterior& posterior, Verdict& verdict) const;
   [[nodiscard]] Eigen::VectorXd relevance_of_errors(const UpdateResult& update) const;
-  [[nodiscard]] Eigen::MatrixXd projected_errors(const ExaminedDatum& datum) const;
+  [[nodiscard]] Eigen::MatrixXd projected_errors(const Datum& datum) const;
   [[nodiscard]] const std::string& name_of_parameter(Eigen::Index a) const {
     return model_->parameters[static_cast<std::size_t>(a)];
   }

@@ -19,9 +19,9 @@ constexpr Index k_starts = 14;            // of a fit, beside the posterior's me
 constexpr Index k_matched_sensors = 300;  // whose order is looked for: the cost grows with their square
 
 /// Evenly chosen, the first and the last among them.
-std::vector<ExaminedDatum> some_of(std::span<const ExaminedDatum> data) {
+std::vector<DatumPointer> some_of(std::span<const DatumPointer> data) {
   if (data.size() <= k_looked_at) return {data.begin(), data.end()};
-  std::vector<ExaminedDatum> chosen;
+  std::vector<DatumPointer> chosen;
   for (std::size_t k = 0; k < k_looked_at; ++k)
     chosen.push_back(data[k * (data.size() - 1) / (k_looked_at - 1)]);
   return chosen;
@@ -48,7 +48,7 @@ struct Tried {
 class Diagnostician {
  public:
   Diagnostician(const reduction::ObservedModel& model, const ResidualTests& tests,
-                const PriorTransform& priors, std::span<const ExaminedDatum> data, const Eigen::VectorXd& p,
+                const PriorTransform& priors, std::span<const DatumPointer> data, const Eigen::VectorXd& p,
                 double limit)
       : tests_(tests),
         data_(data),
@@ -168,7 +168,7 @@ class Diagnostician {
       return Diagnosis{MisfitCause::single_sensor,
                        fmt::format("one value of {}, at step {}, does not fit, all others do: withdraw or "
                                    "correct it, or let method.gate reject such values",
-                                   tests_.name_of(at % n), data_[static_cast<std::size_t>(at / n)].step),
+                                   tests_.name_of(at % n), data_[static_cast<std::size_t>(at / n)]->step),
                        1};
     return Diagnosis{MisfitCause::unknown,
                      fmt::format("{} single values of {} do not fit, all others do: let method.gate reject "
@@ -306,8 +306,8 @@ class Diagnostician {
   }
 
   const ResidualTests& tests_;
-  std::span<const ExaminedDatum> data_;
-  std::vector<ExaminedDatum> few_;
+  std::span<const DatumPointer> data_;
+  std::vector<DatumPointer> few_;
   WhatIfFits fits_;
   const reduction::ObservedModel& model_;
   double limit_;
@@ -319,8 +319,8 @@ class Diagnostician {
 }  // namespace
 
 Diagnosis diagnose(const reduction::ObservedModel& model, const ResidualTests& tests,
-                   const PriorTransform& priors, std::span<const ExaminedDatum> data,
-                   const Eigen::VectorXd& p, const ResidualReport& report, double limit) {
+                   const PriorTransform& priors, std::span<const DatumPointer> data, const Eigen::VectorXd& p,
+                   const ResidualReport& report, double limit) {
   return Diagnostician(model, tests, priors, data, p, limit).diagnose(report);
 }
 

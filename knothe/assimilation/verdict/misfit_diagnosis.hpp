@@ -24,7 +24,7 @@ struct Diagnosis {
 /// else a level of the noise if the residuals are white, or else what takes most of the misfit away. Some ten
 /// least-squares fits: milliseconds.
 [[nodiscard]] Diagnosis diagnose(const reduction::ObservedModel& model, const ResidualTests& tests,
-                                 const PriorTransform& priors, std::span<const ExaminedDatum> data,
+                                 const PriorTransform& priors, std::span<const DatumPointer> data,
                                  const Eigen::VectorXd& p, const ResidualReport& report, double limit);
 
 }  // namespace knothe::assimilation

@@ -151,17 +151,17 @@ std::string ResidualTests::name_of(Index sensor) const {
       "xyz"[static_cast<std::size_t>(sensors_.components[i])], at[0], at[1], at[2]);
 }
 
-ResidualReport ResidualTests::examine(std::span<const ExaminedDatum> data, const Eigen::VectorXd& w,
+ResidualReport ResidualTests::examine(std::span<const DatumPointer> data, const Eigen::VectorXd& w,
                                       double level, Index parameters) {
   const Index n = noise_.size(), m = static_cast<Index>(data.size());
   Eigen::MatrixXd residuals(n, m);
   if (!rows_.empty()) {
     for (Index k = 0; k < m; ++k)
-      residuals.col(k).noalias() = rows_[data[static_cast<std::size_t>(k)].time_index] * -w;
+      residuals.col(k).noalias() = rows_[data[static_cast<std::size_t>(k)]->time_index] * -w;
   } else {
     Eigen::MatrixXd coefficients(model_->space.cols(), m);
     for (Index k = 0; k < m; ++k)
-      coefficients.col(k).noalias() = model_->core[data[static_cast<std::size_t>(k)].time_index] * w;
+      coefficients.col(k).noalias() = model_->core[data[static_cast<std::size_t>(k)]->time_index] * w;
     residuals.noalias() = -(model_->space * coefficients);
   }
   ResidualReport report;
@@ -171,9 +171,9 @@ ResidualReport ResidualTests::examine(std::span<const ExaminedDatum> data, const
   bool own = false, all_in_modes = true;
   const double scale = 1 / std::sqrt(level);
   for (Index k = 0; k < m; ++k) {
-    const ExaminedDatum& datum = data[static_cast<std::size_t>(k)];
+    const Datum& datum = *data[static_cast<std::size_t>(k)];
     auto residual = residuals.col(k);
-    residual += *datum.values - model_->lift.col(static_cast<Index>(datum.time_index));
+    residual += datum.values - model_->lift.col(static_cast<Index>(datum.time_index));
     Index present = measured_;
     if (std::isnan(residual.sum()))
       for (Index i = 0; i < n; ++i)
@@ -183,8 +183,8 @@ ResidualReport ResidualTests::examine(std::span<const ExaminedDatum> data, const
         }
     if (present == 0) continue;  // a picture that is gone
     residual *= scale;
-    const GaussianNoise& noise = datum.noise != nullptr ? *datum.noise : noise_.at_step(datum.step);
-    const bool is_own = datum.noise != nullptr || noise_.has_step(datum.step);
+    const GaussianNoise& noise = datum.noise ? *datum.noise : noise_.at_step(datum.step);
+    const bool is_own = datum.noise || noise_.has_step(datum.step);
     own = own || is_own;
     double misfit = 0;
     if (noise.is_independent()) {
@@ -193,14 +193,14 @@ ResidualReport ResidualTests::examine(std::span<const ExaminedDatum> data, const
       misfit = report.scores.col(k).squaredNorm();
     } else if (present == measured_ || !is_own) {
       const Eigen::VectorXd weighted = present == measured_ ? Eigen::VectorXd(noise.apply(residual))
-                                                            : weighted_present(*datum.values, residual);
+                                                            : weighted_present(datum.values, residual);
       misfit = residual.dot(weighted);
       if (!is_own) report.scores.col(k) = weighted.cwiseProduct(std_);
     } else {
       present = 0;  // a noise of its own and values missing: what is left of it costs too much
     }
     if (const Eigen::MatrixXd* error = noise_.step_error(datum.step); error != nullptr && present > 0)
-      misfit = misfit_with(*error, *datum.values, noise, residual);
+      misfit = misfit_with(*error, datum.values, noise, residual);
     // Their modes have another distribution.
     const bool in_modes = !is_own && (present == measured_ || noise.is_independent());
     all_in_modes = all_in_modes && in_modes;
@@ -208,8 +208,8 @@ ResidualReport ResidualTests::examine(std::span<const ExaminedDatum> data, const
     report.misfit += misfit;
     report.values += present;
     if (present > 0) steps.see(misfit, static_cast<double>(present), k);
-    if (k > 0 && present > parameters && datum.values->size() > 1 &&
-        (*datum.values - *data[static_cast<std::size_t>(k - 1)].values).isZero(0))
+    if (k > 0 && present > parameters && datum.values.size() > 1 &&
+        (datum.values - data[static_cast<std::size_t>(k - 1)]->values).isZero(0))
       report.set(ResidualTest::repeated, 0, k);
   }
   const auto values = static_cast<double>(report.values);

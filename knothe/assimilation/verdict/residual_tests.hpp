@@ -9,18 +9,12 @@
 #include <string>
 #include <vector>
 
+#include "knothe/assimilation/data/data_set.hpp"
 #include "knothe/assimilation/noise/noise_model.hpp"
 #include "knothe/reduction/observe/observed_model.hpp"
 #include "knothe/reduction/observe/sensors.hpp"
 
 namespace knothe::assimilation {
-
-/// A datum as it is examined: nothing is copied.
-struct ExaminedDatum {
-  std::size_t step = 0, time_index = 0;
-  const Eigen::VectorXd* values = nullptr;  ///< n; NaN where missing
-  const GaussianNoise* noise = nullptr;     ///< its own; null: the sensors'
-};
 
 /// What is compared with what pure noise would do. Each has one probability, of as much or more by chance;
 /// where it is the extreme of many (sensors, values, steps) that is already counted in.
@@ -79,7 +73,7 @@ class ResidualTests {
 
   /// At the functions `w` (r; the posterior mean). `level`: factor of all variances. `parameters`: how many
   /// values the fit can absorb.
-  [[nodiscard]] ResidualReport examine(std::span<const ExaminedDatum> data, const Eigen::VectorXd& w,
+  [[nodiscard]] ResidualReport examine(std::span<const DatumPointer> data, const Eigen::VectorXd& w,
                                        double level, Eigen::Index parameters);
   /// The same for scores that are known (those of a report, changed; 0: missing), independent noise.
   [[nodiscard]] ResidualReport examine_scores(Eigen::MatrixXd scores, Eigen::Index parameters) const;

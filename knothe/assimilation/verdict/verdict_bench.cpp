@@ -49,18 +49,16 @@ int main(int count, char** arguments) {
   SequentialUpdate update(model, noise, priors);
   Assessor assessor(model, noise, priors, sensors, {}, errors, {});
   const VectorXd truth = VectorXd::Ones(2);
-  std::vector<VectorXd> values;
-  values.reserve(k_times);
-  std::vector<ExaminedDatum> data;
+  std::vector<DatumPointer> data;
   std::vector<double> us;
   bool ok = true;
   for (std::size_t t = 0; t < k_times; ++t) {
-    values.emplace_back(model->predict(truth, t) + 20 * draws(n, 1));
-    data.push_back({t, t, &values.back(), nullptr});
-    update.update(t, t, values.back());
+    data.push_back(std::make_shared<const Datum>(
+        Datum{{}, t, t, model->predict(truth, t) + 20 * draws(n, 1), std::nullopt}));
+    update.update(t, t, data.back()->values);
     const auto start = knothe::monotonic_now();
-    const Verdict verdict =
-        assessor.assess({update.result(), update.functions(), &update.sums(), false, {}}, data);
+    const Verdict verdict = assessor.assess(
+        {update.result(), update.functions(), &update.sums(), update.form_of(t), false, {}}, data);
     if (t >= k_times / 2) us.push_back(knothe::microseconds_since(start));
     ok = ok && verdict.level == VerdictLevel::ok;
   }

@@ -62,6 +62,10 @@ TEST(RunVerdict, AfterARefinementOnlyRejectedValuesStand) {
   EXPECT_EQ(run.verdict().level, VerdictLevel::caution);
 }
 
+DatumPointer datum_of(std::size_t step, std::size_t time_index, const VectorXd& values) {
+  return std::make_shared<const Datum>(Datum{{}, step, time_index, values, std::nullopt});
+}
+
 /// A model of two parameters on [0.5, 1.5]², and what is measured.
 struct Bench {
   std::shared_ptr<const reduction::ObservedModel> model;
@@ -95,14 +99,11 @@ struct Bench {
   /// The verdict after all data.
   [[nodiscard]] Verdict verdict(RobustOptions robust = {}, reduction::ObservedErrors errors = {}) const {
     SequentialUpdate update(model, noise, priors);
-    std::vector<VectorXd> columns;
-    columns.reserve(static_cast<std::size_t>(data.cols()));
-    std::vector<ExaminedDatum> examined;
+    std::vector<DatumPointer> examined;
     for (Index t = 0; t < data.cols(); ++t) {
       const auto step = static_cast<std::size_t>(t);
       update.update(step, times[step], data.col(t));
-      columns.emplace_back(data.col(t));
-      examined.push_back({step, times[step], &columns.back(), nullptr});
+      examined.push_back(datum_of(step, times[step], data.col(t)));
     }
     Assessor assessor(model, noise, priors, sensors, robust, std::move(errors), {});
     return assessor.assess({update.result(),
@@ -206,7 +207,7 @@ TEST(ResidualTests, MissingValuesOfCorrelatedNoiseAreIntegratedOut) {
   VectorXd some = bench.data.col(3), none = bench.data.col(4);
   some[5] = some[6] = some[20] = std::numeric_limits<double>::quiet_NaN();
   none.setConstant(std::numeric_limits<double>::quiet_NaN());
-  const std::vector<ExaminedDatum> data = {{3, 3, &some, nullptr}, {4, 4, &none, nullptr}};
+  const std::vector<DatumPointer> data = {datum_of(3, 3, some), datum_of(4, 4, none)};
   const double a = bench.truth[0], b = bench.truth[1];
   const Eigen::Vector3d w(a * b, a * a * std::sin(b), 1 / (a + b * b));
   const ResidualReport report = tests.examine(data, w, 1, 2);
@@ -249,14 +250,11 @@ TEST(Verdict, ShiftByTheModelsErrorIsThatOfTheConjugateFormula) {
   errors.space = MatrixXd::NullaryExpr(k_sensors, 2, [&] { return normal(random); });
   MatrixXd precision = MatrixXd::Identity(d, d) / 4, moved = MatrixXd::Zero(d, 8);
   SequentialUpdate update(made, noise, priors);
-  std::vector<VectorXd> columns;
-  columns.reserve(k_times);
-  std::vector<ExaminedDatum> examined;
+  std::vector<DatumPointer> examined;
   for (Index t = 0; t < k_times; ++t) {
     const auto step = static_cast<std::size_t>(t);
     update.update(step, step, data.col(t));
-    columns.emplace_back(data.col(t));
-    examined.push_back({step, step, &columns.back(), nullptr});
+    examined.push_back(datum_of(step, step, data.col(t)));
     errors.coefficients.emplace_back(MatrixXd::NullaryExpr(2, 8, [&] { return normal(random); }));
     const MatrixXd a = made->space * made->core[step];
     precision += a.transpose() * a / 25;
@@ -273,7 +271,7 @@ TEST(Verdict, ShiftByTheModelsErrorIsThatOfTheConjugateFormula) {
   // By the 256 points that stand for the posterior.
   for (Index a = 0; a < d; ++a) EXPECT_NEAR(found[a], expected[a], 0.1 * expected.maxCoeff()) << a;
   // In another order of questions the same, to the bit.
-  const std::span<const ExaminedDatum> all(examined);
+  const std::span<const DatumPointer> all(examined);
   (void)assessor.assess(posterior, all.first(5));
   assessor.forget_from(3);
   EXPECT_EQ(assessor.assess(posterior, all).model_shift_std, found);

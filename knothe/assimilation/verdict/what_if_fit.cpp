@@ -28,14 +28,14 @@ struct WhatIfFits::Point {
 };
 
 WhatIfFits::WhatIfFits(const reduction::ObservedModel& model, const ResidualTests& tests,
-                       std::span<const ExaminedDatum> data, Eigen::MatrixXd starts)
+                       std::span<const DatumPointer> data, Eigen::MatrixXd starts)
     : model_(model),
       tests_(tests),
       values_(tests.noise().size(), static_cast<Index>(data.size())),
       starts_(std::move(starts)) {
   for (std::size_t k = 0; k < data.size(); ++k) {
-    values_.col(static_cast<Index>(k)) = *data[k].values;
-    time_indices_.push_back(data[k].time_index);
+    values_.col(static_cast<Index>(k)) = data[k]->values;
+    time_indices_.push_back(data[k]->time_index);
   }
   present_ = (values_.array() == values_.array()).count();
 }

@@ -29,7 +29,7 @@ class WhatIfFits {
  public:
   /// `starts`: k × d points of the parameters to begin at. The data must outlive this.
   WhatIfFits(const reduction::ObservedModel& model, const ResidualTests& tests,
-             std::span<const ExaminedDatum> data, Eigen::MatrixXd starts);
+             std::span<const DatumPointer> data, Eigen::MatrixXd starts);
 
   [[nodiscard]] WhatIfAnswer fit(const WhatIf& assumption) const;
   /// y at p, n × m.

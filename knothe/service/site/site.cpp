@@ -243,13 +243,13 @@ void Site::apply_arrivals(const std::vector<Arrival>& arrivals) {
 void Site::add(const Measurement& measurement) {
   if (measurement.step < 0 || static_cast<std::size_t>(measurement.step) >= setup_.observed->time.size())
     throw DataError(fmt::format("step {} is not one of this model", measurement.step));
-  const assimilation::Datum datum = measurement.datum();
+  const auto datum = std::make_shared<const assimilation::Datum>(measurement.datum());
   const std::lock_guard lock(engine_mutex_);
   const auto start = monotonic_now();
   engine_->add(datum);
   if (verifier_) verifier_->note({datum, true});
-  adding_us_[datum.step] += 1e6 * seconds_since(start);
-  received_ms_[datum.step].insert(measurement.received_ms);
+  adding_us_[datum->step] += 1e6 * seconds_since(start);
+  received_ms_[datum->step].insert(measurement.received_ms);
 }
 
 void Site::withdraw(const Measurement& measurement) {
@@ -263,11 +263,14 @@ bool Site::remove(const Measurement& measurement) {
   const auto step = static_cast<std::size_t>(measurement.step);
   const std::lock_guard lock(engine_mutex_);
   if (engine_->withdraw(step, measurement.key)) {
-    if (verifier_) verifier_->note({{measurement.key, step, 0, {}, {}}, false});
+    if (verifier_)
+      verifier_->note(
+          {std::make_shared<const assimilation::Datum>(assimilation::Datum{measurement.key, step, 0, {}, {}}),
+           false});
     auto& received = received_ms_.at(step);
     received.erase(received.find(measurement.received_ms));
   }
-  return engine_->data_count(step) == 0;
+  return engine_->data().count(step) == 0;
 }
 
 /// A step without data has no line, and readers are told that it is gone.
@@ -349,14 +352,14 @@ void Site::observe_phases(const engine::StepResult& step) {
 std::shared_ptr<Line> Site::line_of(const engine::StepResult& step,
                                     std::shared_ptr<const ServedModel> model) {
   const assimilation::UpdateResult& result = step.update;
-  auto line = make_line(step, std::move(model), engine_->last_values(result.step));
+  auto line = make_line(step, std::move(model), engine_->data().last(result.step)->values);
   for (const std::int64_t sensor : logbook_.off_at(result.step))  // that it is silent is no news
     std::erase(line->absent, static_cast<Eigen::Index>(sensor));
   Json record = report::step_record(step, setup_.model.contents().axes);
   metrics_.set("knothe_effective_sample_size_ratio", labels(), result.effective_sample_size);
   metrics_.set("knothe_log_evidence", labels(), result.log_evidence);
   record["site"] = name();
-  record["data"] = engine_->data_count(result.step);
+  record["data"] = engine_->data().count(result.step);
   record["received_at"] = 1e-3 * static_cast<double>(*received_ms_.at(result.step).rbegin());
   record["event"] = line->event = next_event_++;
   line->json = files::json_line(record);
@@ -376,7 +379,7 @@ void Site::adopt_verification() {
   if (auto next = verifier_->next_result()) {
     const std::size_t step = next->result.update.step;
     // A step whose data were withdrawn meanwhile has no line.
-    if (engine_->data_count(step) > 0)
+    if (engine_->data().count(step) > 0)
       publish(line_of(next->result, std::move(next->model)), step >= judged_from_);
     return;
   }

@@ -18,11 +18,10 @@ namespace {
 constexpr int k_nice = 10;                     // of the thread, and of the solvers that it starts
 constexpr std::size_t k_results_at_once = 64;  // what waits to be shown: memory is not for ever
 
-std::unique_ptr<engine::Engine> engine_of(const ServedModel& model,
-                                          const std::vector<assimilation::Datum>& data) {
+std::unique_ptr<engine::Engine> engine_of(const ServedModel& model, const assimilation::DataSet& data) {
   auto engine = std::make_unique<engine::Engine>(model.engine_setup());
   std::vector<DataChange> changes;
-  for (const assimilation::Datum& datum : data) changes.push_back({datum, true});
+  for (const assimilation::DatumPointer& datum : data.all()) changes.push_back({datum, true});
   apply_changes(changes, *engine);
   return engine;
 }
@@ -32,13 +31,13 @@ std::unique_ptr<engine::Engine> engine_of(const ServedModel& model,
 void apply_changes(const std::vector<DataChange>& changes, engine::Engine& engine) {
   for (const auto& [datum, comes] : changes) {
     try {
-      comes ? engine.add(datum) : (void)engine.withdraw(datum.step, datum.key);
+      comes ? engine.add(datum) : (void)engine.withdraw(datum->step, datum->key);
     } catch (const Error& error) {
       log_event("error", "a datum cannot be assimilated",
-                {{"source", datum.key.source},
-                 {"session", datum.key.session},
-                 {"seq", datum.key.seq},
-                 {"step", datum.step},
+                {{"source", datum->key.source},
+                 {"session", datum->key.session},
+                 {"seq", datum->key.seq},
+                 {"step", datum->step},
                  {"reason", error.what()}});
     }
   }

@@ -20,7 +20,7 @@ namespace knothe::service {
 
 /// A datum that came or went.
 struct DataChange {
-  assimilation::Datum datum;  ///< of one that went, its key and step
+  assimilation::DatumPointer datum;  ///< of one that went, its key and step
   bool comes = true;
 };
 /// What cannot be assimilated is said in the log.
@@ -30,7 +30,7 @@ void apply_changes(const std::vector<DataChange>& changes, engine::Engine& engin
 class Verifier {
  public:
   struct Question {
-    std::vector<assimilation::Datum> data;
+    assimilation::DataSet data;
     std::size_t step = 0;  ///< whose posterior it is about: the last
     bool thorough = false;
     std::shared_ptr<const ServedModel> model;  ///< that is used
