@@ -8,8 +8,8 @@ namespace knothe::assimilation {
 namespace {
 
 DatumPointer datum(std::size_t step, std::string source, double value, std::size_t time_index) {
-  return std::make_shared<const Datum>(
-      Datum{{std::move(source), "s", 0}, step, time_index, Eigen::VectorXd::Constant(1, value), std::nullopt});
+  return std::make_shared<const Datum>(Datum{
+      {std::move(source), "s", 0}, step, time_index, Eigen::VectorXd::Constant(1, value), std::nullopt});
 }
 
 DatumPointer datum(std::size_t step, std::string source, double value) {
@@ -17,7 +17,8 @@ DatumPointer datum(std::size_t step, std::string source, double value) {
 }
 
 TEST(DataSet, IsTheSameInWhateverOrderTheDataCame) {
-  const std::vector<DatumPointer> data = {datum(0, "a", 1), datum(0, "b", 2), datum(2, "a", 3), datum(1, "b", 4)};
+  const std::vector<DatumPointer> data = {datum(0, "a", 1), datum(0, "b", 2), datum(2, "a", 3),
+                                          datum(1, "b", 4)};
   DataSet forward, backward;
   for (const DatumPointer& d : data) EXPECT_TRUE(forward.add(d));
   for (auto it = data.rbegin(); it != data.rend(); ++it) (void)backward.add(*it);

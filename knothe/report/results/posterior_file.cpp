@@ -149,7 +149,7 @@ class Writer {
                       {"m", "measurement points"});
     const std::vector<std::int64_t> components(m.sensors.components.begin(), m.sensors.components.end());
     out_.add_variable(group, "component", Names{"observation"}, components, {"1", "0 x, 1 y, 2 z"});
-    const Eigen::VectorXd std = m.noise.standard_deviations();
+    const Eigen::VectorXd std = m.noise.measurement().standard_deviations();
     out_.add_variable(group, "noise_std", Names{"observation"}, std::span(std.data(), n_observations_),
                       {"m", "standard deviation"});
   }

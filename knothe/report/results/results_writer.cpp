@@ -176,7 +176,7 @@ Json ResultsWriter::residuals() const {
   Json step = Json::array(), rms = Json::array(), noise_rms = Json::array();
   std::vector<double> measured, predicted;
   Json series = Json::object();
-  const Eigen::VectorXd all_noise = measurements_.noise.standard_deviations();
+  const Eigen::VectorXd all_noise = measurements_.noise.measurement().standard_deviations();
   Eigen::ArrayXd sum = Eigen::ArrayXd::Zero(n), count = Eigen::ArrayXd::Zero(n);
   for (std::size_t i = 0; i < steps_.size(); ++i) {
     const assimilation::UpdateResult& posterior = steps_[i].result;

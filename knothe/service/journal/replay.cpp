@@ -67,7 +67,7 @@ std::string csv_of(const Opened& opened) {
   std::string text = "time,sensor,x,y,z,component,value,std\n";
   const auto& setup = opened.model.setup;
   const reduction::Sensors& sensors = setup.measurements.sensors;
-  const Eigen::VectorXd std = setup.measurements.noise.standard_deviations();
+  const Eigen::VectorXd std = setup.measurements.noise.measurement().standard_deviations();
   for (const JournalEntry& entry : opened.entries) {
     const std::vector<double> values = entry.measurement.effective_values();
     for (std::size_t i = sensors.displacement_count(); i < values.size(); ++i)

@@ -172,7 +172,7 @@ Json mesh(const Site& site) {
                                   model_mesh->cells.begin() + static_cast<std::ptrdiff_t>((c + 1) * k)));
   Json sensors = Json::array();
   const reduction::Sensors& places = site.setup().measurements.sensors;
-  const Eigen::VectorXd std = site.setup().measurements.noise.standard_deviations();
+  const Eigen::VectorXd std = site.setup().measurements.noise.measurement().standard_deviations();
   for (std::size_t i = 0; i < places.displacement_count(); ++i)
     sensors.push_back({{"x", places.point(i)[0]},
                        {"y", places.point(i)[1]},

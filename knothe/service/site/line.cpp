@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 
 #include "knothe/project/refinement.hpp"
 
@@ -64,6 +65,10 @@ std::shared_ptr<Line> make_line(const engine::StepResult& step, std::shared_ptr<
     line->above_threshold[named.name] = named.forecast.probability_above_threshold;
   line->model = std::move(model);
   return line;
+}
+
+Json misfit_record(const assimilation::Misfit& misfit) {
+  return {{"statistic", misfit.statistic}, {"values", misfit.values}, {"probability", misfit.probability}};
 }
 
 }  // namespace knothe::service

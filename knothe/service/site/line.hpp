@@ -8,6 +8,7 @@
 
 #include "knothe/engine/step_result.hpp"
 #include "knothe/service/journal/served_model.hpp"
+#include "knothe/service/site/log.hpp"
 
 namespace knothe::service {
 
@@ -42,9 +43,8 @@ struct Line {
   [[nodiscard]] bool is_biased() const { return !bias_corrected && !misfit_message.empty(); }
 };
 
-[[nodiscard]] inline Json misfit_record(const assimilation::Misfit& misfit) {
-  return {{"statistic", misfit.statistic}, {"values", misfit.values}, {"probability", misfit.probability}};
-}
+/// As /v1/status and the page show it.
+[[nodiscard]] Json misfit_record(const assimilation::Misfit& misfit);
 
 /// The line of a result, without event and JSON; `values` are those of the step's last datum (NaN: missing).
 [[nodiscard]] std::shared_ptr<Line> make_line(const engine::StepResult& step,

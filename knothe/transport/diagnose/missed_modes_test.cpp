@@ -201,7 +201,7 @@ TEST(MissedModes, TargetsOfOneModeAreNotSuspected) {
   for (int i = 0; i < count; ++i) {
     const auto target = random_single_mode(i, random);
     const MapResult result = solver.solve(*target);
-    trusted += solver.correct(*target, result).trusted;
+    trusted += solver.correct(*target, result).trust.trusted;
     effort.add(target->dimension(), result.density_evaluations);
     suspected += result.second_mode_found;
     inconclusive += !result.missed.tempered_conclusive;
