@@ -3,9 +3,9 @@
 # make docs        the documentation as pages for a browser: build/docs/index.html
 # make packages    Debian packages of all of it, for any machine: build/packages/*.deb
 # make release     those, the source archive, what is in them, checksums: build/release-VERSION/
-# make test        everything in release and its tests; the last line is `N passed, N failed`
-# make check       address and undefined-behaviour sanitizers on the online rooms, and fuzzers on the parsers; likewise
-# make test-all    both with full counts and every check, and the thread sanitizer: hours, for the night
+# make test        everything in release and its tests, the long ones in a short form; the last line is `N passed, N failed`
+# make check       their long forms, address and undefined-behaviour sanitizers on the online rooms, fuzzers on the parsers; likewise
+# make test-all    all of it with full counts and every check, the thread sanitizer, packages and both commands in an empty Debian: a night
 # Each installs what it needs itself (scripts/packages.txt).
 .PHONY: demo demo-live docs packages release test check test-all bench build dependencies dashboard dashboard-test format tidy install clean
 
@@ -36,16 +36,16 @@ test:
 	scripts/test.sh release
 
 check:
-	@scripts/install-dependencies.sh build check
-	scripts/test.sh asan fuzz
+	@scripts/install-dependencies.sh build test check
+	scripts/test.sh release-slow asan fuzz
 
 test-all: packages
 	@scripts/install-dependencies.sh build test check
-	scripts/test.sh --full release asan-all tsan fuzz
+	scripts/test.sh release-full asan-all tsan fuzz-full
 
-# The programs only. In a new folder without the tests, and with sources in groups (cmake/KnotheUnity.cmake).
+# The programs only, in a new folder without the tests.
 build: dependencies
-	cmake --preset release $(if $(wildcard build/release/CMakeCache.txt),,-DBUILD_TESTING=OFF -DKNOTHE_UNITY=8)
+	scripts/configure.sh release $(if $(wildcard build/release/CMakeCache.txt),,-DBUILD_TESTING=OFF)
 	cmake --build --preset release -j $(JOBS) --target programs
 
 bench: build

@@ -16,11 +16,19 @@ if(PROJECT_IS_TOP_LEVEL AND NOT CMAKE_BUILD_TYPE)
   set(CMAKE_BUILD_TYPE Release CACHE STRING "" FORCE)
 endif()
 
-find_program(CCACHE_PROGRAM ccache)
-if(CCACHE_PROGRAM AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
-  # Paths below the source folder are hashed as relative: another clone of the same commit compiles nothing anew.
-  set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env CCACHE_BASEDIR=${PROJECT_SOURCE_DIR} CCACHE_NOHASHDIR=1
-                                  ${CCACHE_PROGRAM})
+# Looked for once in a build folder: a ccache that comes later would change every command, and everything would be compiled again.
+if(NOT DEFINED CACHE{KNOTHE_CCACHE})
+  find_program(found_ccache ccache NO_CACHE)
+  if(NOT found_ccache)
+    set(found_ccache "")
+  endif()
+  set(KNOTHE_CCACHE "${found_ccache}" CACHE FILEPATH "ccache, through which the compiler is called; empty: without")
+endif()
+if(KNOTHE_CCACHE AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
+  # Paths below the source folder are hashed as relative: another clone of the same commit compiles nothing anew. What a unit includes
+  # is read from the compiler's list (DEPEND): without it every unit is preprocessed first, only to be found missing.
+  set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env CCACHE_BASEDIR=${PROJECT_SOURCE_DIR} CCACHE_NOHASHDIR=1 CCACHE_DEPEND=1
+                                  ${KNOTHE_CCACHE})
 endif()
 
 # What every target is compiled with. knothe_flags_portable has no machine-specific instructions: translation

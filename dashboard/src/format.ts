@@ -78,16 +78,20 @@ export function duration(seconds: number): string {
   return `${Math.round(s / 86400)} days`;
 }
 
-/** Of a Unix time in s, in the browser's time zone. */
+const padded = (...numbers: number[]) => numbers.map((number) => String(number).padStart(2, "0"));
+
+/** hh:mm:ss of a Unix time in s, in the browser's time zone, whatever locales it knows. */
 export function timeOfDay(unix: number): string {
-  return new Date(1000 * unix).toLocaleTimeString("en-GB");
+  const at = new Date(1000 * unix);
+  return padded(at.getHours(), at.getMinutes(), at.getSeconds()).join(":");
 }
 
-/** The time of day; with the date if it is not that of `now`. */
+/** The time of day; with the date, yyyy-mm-dd, if it is not that of `now`. */
 export function clock(unix: number, now = Date.now() / 1000): string {
   const at = new Date(1000 * unix);
   const time = timeOfDay(unix);
-  return at.toDateString() === new Date(1000 * now).toDateString() ? time : `${at.toLocaleDateString("en-CA")} ${time}`;
+  const date = padded(at.getFullYear(), at.getMonth() + 1, at.getDate()).join("-");
+  return at.toDateString() === new Date(1000 * now).toDateString() ? time : `${date} ${time}`;
 }
 
 export function microseconds(us: number): string {

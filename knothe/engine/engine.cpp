@@ -171,8 +171,9 @@ void Engine::assess(std::size_t step, StepResult& result) {
   if (update == nullptr)
     made = assimilation::posterior_functions(*setup_.model->functions, result.update.points,
                                              result.update.weights);
-  assimilation::AssessedPosterior posterior{result.update, made ? *made : update->functions(), nullptr, false,
-                                            result.stuck};
+  assimilation::AssessedPosterior posterior{
+      result.update, made ? *made : update->functions(), nullptr, nullptr, false, result.stuck};
+  posterior.latest = method_->form_of(step);
   posterior.corrected = update != nullptr && update->is_corrected();
   if (update != nullptr && update->changes().possible()) {
     std::vector<std::size_t> steps;

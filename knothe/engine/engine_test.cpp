@@ -238,16 +238,14 @@ TEST(Engine, ADatumsOwnNoiseIsUsedInItsStepAloneWithEveryMethod) {
     EngineSetup setup = random_setup(correlated_noise({}).with_shared_reference(reference_pictures));
     std::vector<Datum> data = data_in_order(setup, 4, 12);
     for (Eigen::Index i : {2, 3}) data[2].values[i] = std::numeric_limits<double>::quiet_NaN();
-    data[2].noise = correlated_noise({2, 3});
+    data[2].noise = correlated_noise({2, 3}).measurement();
     expect_a_function_of_the_data(setup, data);
     // By the noise of the steps, as a data file with noise/precision_steps has it.
     EngineSetup by_step = setup;
     by_step.noise = setup.noise.with_step(2, *data[2].noise);
     std::vector<std::function<void(EngineSetup&)>> methods = {
         [](EngineSetup&) {}, [](EngineSetup& s) { s.robust.gate = 3; },
-        [](EngineSetup& s) {
-          s.baseline = assimilation::BaselineOptions{assimilation::Method::extended_kalman, 1000, 1};
-        }};
+        [](EngineSetup& s) { s.update.kind = assimilation::Method::extended_kalman; }};
     for (const auto& choose : methods) {
       EngineSetup a = setup, b = by_step, without = setup;
       choose(a), choose(b), choose(without);
@@ -270,7 +268,7 @@ TEST(Engine, MethodsThatTakeDataInOrderAreFunctionsOfTheDataToo) {
   EngineSetup gated = independent_setup(), student = gated, filter = gated;
   gated.robust.gate = 3;
   student.robust.degrees_of_freedom = 4;
-  filter.baseline = assimilation::BaselineOptions{assimilation::Method::unscented_kalman, 1000, 1};
+  filter.update.kind = assimilation::Method::unscented_kalman;
   for (EngineSetup* setup : {&gated, &student, &filter}) {
     std::vector<Datum> data = data_in_order(*setup, 4, 13);
     data[2].values[4] += 1e3;  // an outlier

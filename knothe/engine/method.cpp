@@ -18,6 +18,9 @@ class FormMethod final : public PosteriorMethod {
   void withdraw(std::size_t step, const assimilation::DatumKey& key) override { update_.withdraw(step, key); }
   const assimilation::UpdateResult& conclude(std::size_t step) override { return update_.follow(step); }
   const assimilation::UpdateResult& preview(std::size_t step) override { return update_.preview(step); }
+  [[nodiscard]] const assimilation::StepForm* form_of(std::size_t step) const override {
+    return update_.form_of(step);
+  }
   [[nodiscard]] std::optional<assimilation::StepForm> form_up_to(std::size_t step) override {
     return update_.form_up_to(step);
   }
@@ -32,11 +35,10 @@ class FormMethod final : public PosteriorMethod {
 std::unique_ptr<PosteriorMethod> make_method(const MethodSetup& setup) {
   using assimilation::Feature;
   assimilation::Features features = features_of(setup.update);
-  add(features, Feature::baseline, setup.baseline.has_value());
   add(features, Feature::gate, setup.robust.gate > 0);
   add(features, Feature::student_t, setup.robust.degrees_of_freedom > 0);
   assimilation::require_compatible(features);
-  if (!setup.baseline && !setup.robust.is_active()) return std::make_unique<FormMethod>(setup);
+  if (!setup.robust.is_active()) return std::make_unique<FormMethod>(setup);
   return std::make_unique<OrderedMethod>(setup);
 }
 

@@ -1,11 +1,10 @@
 #pragma once
-/// @file How the engine turns data into posteriors: by quadratic forms, in any order, or by a method that
-/// takes the data one after the other.
+/// @file How the engine turns data into posteriors: by quadratic forms, in any order, or, where values are
+/// judged by those before them, one after the other.
 #include <array>
 #include <memory>
 
 #include "knothe/assimilation/data/datum.hpp"
-#include "knothe/assimilation/update/baseline_update.hpp"
 #include "knothe/assimilation/update/robust_update.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
 
@@ -25,6 +24,8 @@ class PosteriorMethod {
   virtual const assimilation::UpdateResult& preview(std::size_t step) = 0;
   /// Of gating or a Student-t likelihood, else null.
   [[nodiscard]] virtual const assimilation::SensorReport* sensors() const { return nullptr; }
+  /// The form of that step's data given those before, as they were assimilated; null: not known.
+  [[nodiscard]] virtual const assimilation::StepForm* form_of(std::size_t step) const = 0;
   /// The quadratic form of all data of steps ≤ `step`; none for a method without forms.
   [[nodiscard]] virtual std::optional<assimilation::StepForm> form_up_to(std::size_t step) = 0;
   /// The update behind it, where there is one: bias and discrepancy.
@@ -39,8 +40,7 @@ struct MethodSetup {
   assimilation::UpdateOptions update;
   /// Steps to assimilate with the corrected model, first and last; needs `update.learn_bias`.
   std::optional<std::array<std::size_t, 2>> corrected_steps;
-  assimilation::RobustOptions robust;                     ///< gating, Student-t
-  std::optional<assimilation::BaselineOptions> baseline;  ///< a method that makes no map
+  assimilation::RobustOptions robust;  ///< gating, Student-t
 };
 
 /// UsageError for options that do not go together.

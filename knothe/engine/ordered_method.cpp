@@ -13,13 +13,8 @@ OrderedMethod::OrderedMethod(const MethodSetup& setup) : setup_(setup) {
 
 void OrderedMethod::begin_anew() {
   last_.reset();
-  if (setup_.baseline) {
-    baseline_ = std::make_unique<assimilation::BaselineUpdate>(setup_.model, setup_.noise, setup_.priors,
-                                                               *setup_.baseline);
-  } else {
-    robust_ = std::make_unique<assimilation::RobustUpdate>(setup_.model, setup_.noise, setup_.priors,
-                                                           setup_.update, setup_.robust);
-  }
+  robust_ = std::make_unique<assimilation::RobustUpdate>(setup_.model, setup_.noise, setup_.priors,
+                                                         setup_.update, setup_.robust);
 }
 
 void OrderedMethod::add(const Datum& datum) {
@@ -39,10 +34,9 @@ void OrderedMethod::assimilate(const Place& place, const Kept& datum) {
   number_ = last_ ? std::max(step, number_ + 1) : step;
   if (datum.noise || (number_ != step && setup_.noise.has_step(step))) {
     const assimilation::GaussianNoise& noise = datum.noise ? *datum.noise : setup_.noise.at_step(step);
-    baseline_ ? baseline_->set_step_noise(number_, noise) : robust_->set_step_noise(number_, noise);
+    robust_->set_step_noise(number_, noise);
   }
-  result_ = baseline_ ? baseline_->update(number_, datum.time_index, datum.values)
-                      : robust_->update(number_, datum.time_index, datum.values);
+  result_ = robust_->update(number_, datum.time_index, datum.values);
   result_.step = step;
   last_ = place;
 }
@@ -61,7 +55,7 @@ const assimilation::UpdateResult& OrderedMethod::conclude(std::size_t step) {
 }
 
 const assimilation::SensorReport* OrderedMethod::sensors() const {
-  return robust_ ? &robust_->sensors() : nullptr;
+  return &robust_->sensors();
 }
 
 }  // namespace knothe::engine

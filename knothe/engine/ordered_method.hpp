@@ -1,5 +1,5 @@
 #pragma once
-/// @file Methods that take the data one after the other: gating, Student-t, filters, Monte Carlo.
+/// @file Likelihoods that judge a value by those before it: gating, Student-t.
 #include <map>
 
 #include "knothe/engine/method.hpp"
@@ -16,6 +16,9 @@ class OrderedMethod : public PosteriorMethod {
   const assimilation::UpdateResult& conclude(std::size_t step) override;
   const assimilation::UpdateResult& preview(std::size_t step) override { return conclude(step); }
   [[nodiscard]] const assimilation::SensorReport* sensors() const override;
+  [[nodiscard]] const assimilation::StepForm* form_of(std::size_t step) const override {
+    return last_ && last_->first == step ? robust_->latest_form() : nullptr;
+  }
   [[nodiscard]] std::optional<assimilation::StepForm> form_up_to(std::size_t) override { return {}; }
 
  private:
@@ -29,8 +32,7 @@ class OrderedMethod : public PosteriorMethod {
   void assimilate(const Place& place, const Kept& datum);
 
   MethodSetup setup_;
-  std::unique_ptr<assimilation::RobustUpdate> robust_;  ///< one of the two
-  std::unique_ptr<assimilation::BaselineUpdate> baseline_;
+  std::unique_ptr<assimilation::RobustUpdate> robust_;
   std::map<Place, Kept> data_;
   std::optional<Place> last_;  ///< assimilated
   std::size_t number_ =

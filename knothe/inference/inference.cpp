@@ -67,7 +67,7 @@ void by_transport(PosteriorDensity& posterior, ModelEvaluator& evaluator, const 
   r.map_order = details.map.order;
   r.variance_diagnostic = details.map.verified_diagnostic;
   r.tolerance_reached = details.map.tolerance_reached;
-  r.trusted = correction.trusted;
+  r.set_trust(correction.trust);
   r.verdict = verdict(details.map, correction, posterior.transform());
   const Phase phase("draws of the map", evaluator, r);
   details.pulled_back = details.map.verification.reference;
@@ -93,8 +93,10 @@ void by_grid(PosteriorDensity& posterior, ModelEvaluator& evaluator, const Infer
   r.quantiles = posterior.transform().carry(grid.quantiles);
   r.log_evidence = grid.log_evidence;
   r.log_evidence_error = grid.evidence_change;
-  r.trusted = r.tolerance_reached = grid.resolved();
-  r.verdict = verdict(grid);
+  const sampling::Trust trust = sampling::trust_of(grid.figures());
+  r.set_trust(trust);
+  r.tolerance_reached = trust.trusted;
+  r.verdict = in_words(trust);
 }
 
 /// Skewness and kurtosis with the map as a control variate: E_π f = E_ρ f∘T + Σ (w_i − 1/n) f(T(x_i)). The

@@ -71,7 +71,6 @@ struct InferenceResult : assimilation::Posterior {
   Eigen::Index distinct_draws = 0;  ///< fewer than draws only for mcmc, whose chains stay where they are
   int chains = 1;
 
-  double log_evidence_error = 0;
   std::vector<std::string> warnings;  ///< sentences: what was wrong with the model and how it was got round
   /// Trusted or not, and why; then what speaks against the answer itself.
   std::string verdict;

@@ -3,19 +3,14 @@
 #include <string>
 
 #include "knothe/assimilation/update/prior_transform.hpp"
-#include "knothe/assimilation/update/tensor_quadrature.hpp"
-#include "knothe/sampling/adaptive_metropolis.hpp"
-#include "knothe/sampling/recycled_importance.hpp"
 #include "knothe/transport/solve/map_solver.hpp"
 
 namespace knothe::inference {
 
+/// Of a map: that of `answer.trust`, with what the map's solve knows besides.
 [[nodiscard]] std::string verdict(const transport::MapResult& map,
                                   const transport::ImportanceCorrection& answer,
                                   const assimilation::PriorTransform& transform);
-[[nodiscard]] std::string verdict(const assimilation::QuadraturePosterior& grid);
-[[nodiscard]] std::string verdict(const sampling::MetropolisResult& chains);
-[[nodiscard]] std::string verdict(const sampling::RecycledImportanceResult& draws);
 
 /// What to add where the observations do not fit at the most probable parameters; where this share of the
 /// posterior is next to an end of a prior.

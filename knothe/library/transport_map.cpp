@@ -236,8 +236,8 @@ Posterior posterior_of(const transport::MapResult& solved, const transport::Impo
   posterior.variance_diagnostic = solved.verified_diagnostic;
   posterior.effective_sample_size = corrected.ess;
   posterior.tolerance_reached = solved.tolerance_reached;
-  posterior.trusted = corrected.trusted;
-  posterior.remark = corrected.trusted ? solved.reason : corrected.trust_reason;
+  posterior.trusted = corrected.trust.trusted;
+  posterior.remark = corrected.trust.trusted ? solved.reason : corrected.trust.reason;
   return posterior;
 }
 

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <numeric>
 #include <optional>
 
 #include "knothe/base/error.hpp"
@@ -58,11 +57,10 @@ class ErrorJudge {
   ErrorJudge(const SyntheticProblem& problem, const reduction::ModelContents& contents,
              const std::string& where)
       : problem_(problem), model_(contents, where) {
-    std::vector<std::size_t> steps(model_.step_count());
-    std::iota(steps.begin(), steps.end(), std::size_t{0});
     const reduction::TruncationError truncation = reduction::read_truncation_error(where);
     if (truncation.count > 0 && !problem.places.empty())
-      added_ = reduction::observe_truncation(truncation, contents, where, problem.places, steps);
+      added_ = reduction::observe_truncation(truncation, contents, where, reduction::Sensors(problem.places),
+                                             {}, contents.time);
     observed_ =
         std::make_shared<const reduction::ObservedModel>(reduction::observe_dofs(model_, problem.dofs));
   }
@@ -79,15 +77,14 @@ class ErrorJudge {
     }
     const PosteriorJudge judge(right, problem_, exact);
     Shifts shifts{judge.shift(observed_, judge.data.noise), std::nullopt};
-    if (!added_.empty())
-      shifts.widened = judge.shift(observed_, project::with_truncation(judge.data.noise, added_));
+    if (added_) shifts.widened = judge.shift(observed_, project::with_truncation(judge.data.noise, *added_));
     return shifts;
   }
 
  private:
   const SyntheticProblem problem_;
   reduction::SeparatedModel model_;
-  std::vector<Eigen::MatrixXd> added_;
+  std::optional<reduction::ObservedTruncation> added_;
   std::shared_ptr<const reduction::ObservedModel> observed_;
 };
 

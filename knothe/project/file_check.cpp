@@ -31,7 +31,7 @@ PriorAnswers answers_of(const UpdateSetup& setup) {
   const reduction::ObservedModel& model = *setup.observed;
   const auto transform = assimilation::truncated_to_box(model, setup.priors);
   const auto w = assimilation::prior_functions(*model.functions, *transform);
-  const Eigen::VectorXd std = setup.measurements.noise.standard_deviations();
+  const Eigen::VectorXd std = setup.measurements.noise.measurement().standard_deviations();
   PriorAnswers answers;
   answers.mean.resize(model.observations(), static_cast<Index>(setup.time_indices.size()));
   answers.information = Eigen::MatrixXd::Zero(w.tangent.cols(), w.tangent.cols());

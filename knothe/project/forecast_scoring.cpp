@@ -42,7 +42,7 @@ std::optional<std::size_t> time_of(double horizon, const UpdateSetup& setup) {
 forecast::ForecastScores forecasts_to_score(const Project& project, const UpdateSetup& setup) {
   forecast::ForecastScores scores;
   if (setup.pictures) return scores;
-  const Eigen::VectorXd std = setup.measurements.noise.standard_deviations();
+  const Eigen::VectorXd std = setup.measurements.noise.measurement().standard_deviations();
   for (const forecast::ForecastSpecification& f : project.forecasts) {
     const auto row = row_of(f, setup);
     const auto time_index = time_of(f.horizon, setup);

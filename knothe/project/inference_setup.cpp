@@ -93,7 +93,7 @@ void set_up_recorded(const Project& project, const reduction::SeparatedModel& mo
   inferred.known.clear();
   const ObservedData all = observe_data(inferred, model, setup.priors, std::move(recorded), project.data);
   const assimilation::Measurements& data = all.measurements;
-  if (!data.noise.is_independent() || assimilation::links_steps(data.noise))
+  if (!data.noise.measurement().is_independent() || assimilation::links_steps(data.noise))
     throw DataError(project.data +
                     ": the noise is correlated; `knothe assimilate` takes such data, infer does not");
   if (!data.values.allFinite())
@@ -103,9 +103,10 @@ void set_up_recorded(const Project& project, const reduction::SeparatedModel& mo
     throw DataError(project.data + ": nothing is measured of what the model predicts: no value with a std");
   setup.model =
       std::make_unique<inference::SeparatedForwardModel>(*all.observed, all.time_indices, model.where());
-  setup.observations = Observations{
-      data.values.reshaped(),
-      GaussianNoise::independent(data.noise.standard_deviations().replicate(data.values.cols(), 1))};
+  setup.observations =
+      Observations{data.values.reshaped(),
+                   GaussianNoise::independent(
+                       data.noise.measurement().standard_deviations().replicate(data.values.cols(), 1))};
 }
 
 void set_up_separated(const Project& project, InferenceSetup& setup) {

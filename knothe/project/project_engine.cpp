@@ -11,8 +11,7 @@ namespace knothe::project {
 namespace {
 
 engine::MethodSetup method_setup(const UpdateSetup& setup) {
-  return {setup.observed, setup.measurements.noise, setup.priors, setup.options, std::nullopt, setup.robust,
-          setup.baseline};
+  return {setup.observed, setup.measurements.noise, setup.priors, setup.options, std::nullopt, setup.robust};
 }
 
 /// Relative to the project file's folder; an absolute path has no such name from a relative folder.
@@ -49,7 +48,7 @@ engine::EngineSetup engine_setup(const Project& project, const UpdateSetup& setu
   engine.known_errors = reduction::observe_off_grid(
       reduction::read_truncation_error(project.model), setup.model.contents(), project.model,
       setup.measurements.sensors, project.sensors, setup.observed->time, setup.observed->observations());
-  engine.watches_sensors = !setup.pictures && setup.measurements.noise.is_independent();
+  engine.watches_sensors = !setup.pictures && setup.measurements.noise.measurement().is_independent();
   engine.name = name_of(project.model, project);
   for (const std::string& file : project.candidates)
     engine.candidates.push_back(candidate(project, file, setup));

@@ -75,10 +75,10 @@ void set_up_from_data(const Project& project, SelectionSetup& setup) {
   const assimilation::Measurements m = assimilation::read_measurements(project.data);
   std::vector<Eigen::Index> kept;
   for (Eigen::Index i = 0; i < m.noise.size(); ++i) {
-    if (m.noise.is_measured(i)) kept.push_back(i);
+    if (m.noise.measurement().is_measured(i)) kept.push_back(i);
   }
   setup.from_data = true;
-  setup.noise = m.noise.is_complete() ? m.noise : m.noise.restricted(kept);
+  setup.noise = m.noise.measurement().is_complete() ? m.noise : m.noise.restricted(kept);
   for (const Eigen::Index i : kept) {
     setup.candidates.push_back(static_cast<std::size_t>(i));
     setup.sensors.add(m.sensors.point(setup.candidates.back()),

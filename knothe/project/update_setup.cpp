@@ -53,15 +53,11 @@ void check_priors(const Project& project, const reduction::SeparatedModel& model
 assimilation::UpdateOptions update_options(const MethodOptions& method) {
   assimilation::UpdateOptions options = method.update;
   options.kind = method.kind;
+  options.samples = method.samples;
   options.map.seed = method.seed;
   if (method.unknown_noise_level)
     options.noise_level = assimilation::NoiseLevel(method.noise_level_shape, method.noise_level_scale);
   return options;
-}
-
-std::optional<assimilation::BaselineOptions> baseline_options(const MethodOptions& method) {
-  if (!is_baseline(method.kind)) return std::nullopt;
-  return assimilation::BaselineOptions{method.kind, method.samples, method.seed};
 }
 
 assimilation::RobustOptions robust_options(const MethodOptions& method) {
@@ -72,11 +68,9 @@ assimilation::RobustOptions robust_options(const MethodOptions& method) {
 assimilation::Features features_of(const Project& project) {
   using assimilation::Feature;
   assimilation::Features features = features_of(update_options(project.method));
-  add(features, Feature::baseline, baseline_options(project.method).has_value());
   add(features, Feature::gate, robust_options(project.method).gate > 0);
   add(features, Feature::student_t, robust_options(project.method).degrees_of_freedom > 0);
   add(features, Feature::truncation, project.method.truncation_error);
-  add(features, Feature::pictures, project.data.empty());
   add(features, Feature::clock, !project.clock.empty());
   add(features, Feature::known, !project.known.empty());
   add(features, Feature::candidates, !project.candidates.empty());
@@ -92,25 +86,15 @@ void refuse_conflicts(const Project& project, const assimilation::Features& feat
                          found.message);
 }
 
-/// The measurements' noise with the model's own error added: at each step another, correlated, one.
+/// The measurements' noise with the model's own error besides.
 assimilation::NoiseModel noise_with_truncation(const Project& project, const reduction::SeparatedModel& model,
                                                const ObservedData& data) {
-  constexpr Eigen::Index k_max_entries = 1000;  // a dense matrix for each step
-  const assimilation::NoiseModel& noise = data.measurements.noise;
-  const auto refuse = [&](const std::string& why) {
-    throw project.error_at("method.truncation_error", "truncation_error = \"on\": " + why);
-  };
-  if (noise.size() > k_max_entries)
-    refuse(fmt::format("{} observed dofs are more than {}: choose some (`knothe select`)", noise.size(),
-                       k_max_entries));
-  const auto added =
+  std::vector<double> times;
+  for (const std::size_t index : data.time_indices) times.push_back(data.observed->time[index]);
+  return with_truncation(
+      data.measurements.noise,
       reduction::observe_truncation(reduction::read_truncation_error(project.model), model.contents(),
-                                    project.model, data.measurements.sensors, data.time_indices);
-  for (std::size_t i = 0; i < added.size(); ++i)
-    for (Eigen::Index dof = 0; dof < noise.size(); ++dof)
-      if (!noise.at_step(i).is_measured(dof))
-        refuse("some dofs of " + project.data + " are not measured at all: leave them out");
-  return with_truncation(noise, added);
+                                    project.model, data.measurements.sensors, project.sensors, times));
 }
 
 /// With the project's parameters in its order, then the known ones.
@@ -199,9 +183,8 @@ UpdateSetup set_up(const Project& given, assimilation::Features features, bool l
     measurements.noise = measurements.noise.with_offsets(project.method.offset_std);
   ObservedData data = observe_data(project, whole, priors, std::move(measurements),
                                    pictures ? project.pictures.folder : project.data);
-  add(features, assimilation::Feature::series, !data.measurements.sensors.scalars.empty());
-  refuse_conflicts(project, features | features_of(data.measurements.noise));
   if (project.method.truncation_error) data.measurements.noise = noise_with_truncation(project, whole, data);
+  refuse_conflicts(project, features | features_of(data.measurements.noise));
   return {with_known_fixed(project, whole, data.known),
           std::move(data.measurements),
           std::move(data.observed),
@@ -209,7 +192,6 @@ UpdateSetup set_up(const Project& given, assimilation::Features features, bool l
           std::move(priors),
           update_options(project.method),
           robust_options(project.method),
-          baseline_options(project.method),
           std::move(pictures),
           std::move(data.unused)};
 }
@@ -243,7 +225,7 @@ forecast::Forecaster make_forecaster(const Project& project, const UpdateSetup& 
 assimilation::PlausibleRange serve_limits(const Project& project, const UpdateSetup& setup) {
   const reduction::Sensors& sensors = setup.measurements.sensors;
   assimilation::PlausibleRange range(*setup.observed, sensors,
-                                     setup.measurements.noise.standard_deviations());
+                                     setup.measurements.noise.measurement().standard_deviations());
   std::vector<std::string> names = {"displacement"};
   names.insert(names.end(), sensors.scalars.begin(), sensors.scalars.end());
   for (const auto& [name, limit] : project.serve.limits) {
@@ -258,15 +240,25 @@ assimilation::PlausibleRange serve_limits(const Project& project, const UpdateSe
 }
 
 assimilation::NoiseModel with_truncation(const assimilation::NoiseModel& noise,
-                                         std::span<const Eigen::MatrixXd> added) {
+                                         const reduction::ObservedTruncation& error) {
+  constexpr Eigen::Index k_max_rows = 1000;
   assimilation::NoiseModel result = noise;
-  const Eigen::MatrixXd identity = Eigen::MatrixXd::Identity(noise.size(), noise.size());
-  for (std::size_t i = 0; i < added.size(); ++i) {
-    const Eigen::MatrixXd precision = noise.at_step(i).precision();
-    const Eigen::MatrixXd covariance = precision.llt().solve(identity) + added[i];
-    const Eigen::MatrixXd sum = covariance.llt().solve(identity);
-    const Eigen::MatrixXd symmetric = 0.5 * (sum + sum.transpose());
-    result = result.with_step(i, assimilation::NoiseModel::correlated(symmetric.sparseView(0.0, 0.0)));
+  for (Eigen::Index i = 0; i < std::ssize(error.factors); ++i) {
+    const Eigen::VectorXd left_out = error.left_out.col(i);
+    const assimilation::GaussianNoise& own = noise.at_step(i);
+    result = result.with_step_error(i, error.factors[i]);
+    if (left_out.isZero(0)) continue;
+    if (own.is_independent()) {
+      const Eigen::VectorXd variance = own.standard_deviations().cwiseAbs2() + left_out;
+      result = result.with_step(i, assimilation::GaussianNoise::independent(variance.cwiseSqrt()));
+      continue;
+    }
+    if (noise.size() > k_max_rows)
+      throw UsageError(fmt::format(
+          "truncation_error = \"on\": {} observed dofs with correlated noise are more than {}: choose some "
+          "(`knothe select`)",
+          noise.size(), k_max_rows));
+    result = result.with_step_error(i, Eigen::MatrixXd(left_out.cwiseSqrt().asDiagonal()));
   }
   return result;
 }

@@ -9,12 +9,12 @@
 #include "knothe/assimilation/data/measurements.hpp"
 #include "knothe/assimilation/data/plausible_range.hpp"
 #include "knothe/assimilation/noise/noise_model.hpp"
-#include "knothe/assimilation/update/baseline_update.hpp"
 #include "knothe/assimilation/update/robust_update.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/project/picture_measurements.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/model/separated_model.hpp"
+#include "knothe/reduction/model/truncation_error.hpp"
 #include "knothe/reduction/observe/observed_model.hpp"
 
 namespace knothe::project {
@@ -26,8 +26,7 @@ struct UpdateSetup {
   std::vector<std::size_t> time_indices;    ///< of `observed`, per measured time
   std::vector<assimilation::Prior> priors;  ///< in the project file's order
   assimilation::UpdateOptions options;
-  assimilation::RobustOptions robust;                     ///< gating, Student-t
-  std::optional<assimilation::BaselineOptions> baseline;  ///< a method that makes no map
+  assimilation::RobustOptions robust;             ///< gating, Student-t
   std::shared_ptr<PictureMeasurements> pictures;  ///< where data come from pictures, one by one; else null
   std::vector<std::string> unused;                ///< series of the data that are not used: they have no std
 };
@@ -56,9 +55,9 @@ struct UpdateSetup {
 /// nothing. ProjectError where it names a series that is not measured.
 [[nodiscard]] assimilation::PlausibleRange serve_limits(const Project& project, const UpdateSetup& setup);
 
-/// Noise of covariance R_i + `added`[i] at each step i of the data (m²), R_i that of `noise`; R_i may be
-/// correlated, but every dof must be measured.
+/// `noise` with the model's own error at each step of the data besides. UsageError where R is correlated and
+/// what the error's modes leave out would take a dense matrix of more than 1000 rows.
 [[nodiscard]] assimilation::NoiseModel with_truncation(const assimilation::NoiseModel& noise,
-                                                       std::span<const Eigen::MatrixXd> added);
+                                                       const reduction::ObservedTruncation& error);
 
 }  // namespace knothe::project

@@ -27,6 +27,11 @@ REPOSITORY = SOURCE.parent.parent
 DATA = pathlib.Path(os.environ.get("KNOTHE_DATA") or REPOSITORY.parent / "shared" / "data")
 
 
+def by_form(in_short, in_long):
+    """A long test has two forms of one body: the short one in `make test`, and `….slow`, which sets KNOTHE_SLOW (CMakeLists.txt)."""
+    return in_long if "KNOTHE_SLOW" in os.environ else in_short
+
+
 @functools.lru_cache(maxsize=None)
 def python_with(*modules):
     """An interpreter that has these modules (Debian's packages are for /usr/bin/python3), None where there is none."""

@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <string>
 
+#include "knothe/numerics/linear/symmetric_eigen.hpp"
 #include "knothe/project/update_setup.hpp"
 #include "tests/verdicts/wrong_situations.hpp"
 
@@ -46,11 +47,15 @@ assimilation::NoiseModel with_model_error(const assimilation::NoiseModel& noise,
       of_solutions, std::vector<double>(static_cast<std::size_t>(k), 1.0 / static_cast<double>(k)), known);
   const double distance = static_cast<double>(time_indices.back() - time_indices.front()) /
                           static_cast<double>(time_indices.size() - 1);
-  std::vector<Eigen::MatrixXd> added;
-  for (const std::size_t t : time_indices)
-    added.emplace_back(std::max(1.0, known.persistence / distance) *
-                       Eigen::Map<const Eigen::MatrixXd>(
-                           known.covariance.data() + t * static_cast<std::size_t>(n * n), n, n));
+  reduction::ObservedTruncation added{{}, Eigen::MatrixXd::Zero(n, std::ssize(time_indices))};
+  for (const std::size_t t : time_indices) {
+    const numerics::SymmetricEigen moments(
+        std::max(1.0, known.persistence / distance) *
+        Eigen::Map<const Eigen::MatrixXd>(known.covariance.data() + t * static_cast<std::size_t>(n * n), n,
+                                          n));
+    added.factors.emplace_back(moments.eigenvectors() *
+                               moments.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal());
+  }
   return project::with_truncation(noise, added);
 }
 

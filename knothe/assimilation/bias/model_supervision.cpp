@@ -36,7 +36,7 @@ ModelSupervision::ModelSupervision(std::shared_ptr<const reduction::ObservedMode
                                                                                static_cast<double>(count))));
   if (learns_ && !is_joint_) {
     // A dof that is not measured at all has no noise; it is missing from every datum.
-    const Eigen::VectorXd std = noise.standard_deviations();
+    const Eigen::VectorXd std = noise.measurement().standard_deviations();
     initial_.bias.emplace((std.array() > 0).select(std, 1.0), options.bias);
   }
   if (is_joint()) {

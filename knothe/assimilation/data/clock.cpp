@@ -104,7 +104,7 @@ ClockReading read_clock(const reduction::SeparatedModel& model, const std::strin
 NoiseModel with_clock_error(const NoiseModel& noise, const reduction::ObservedModel& rates,
                             const PriorTransform& transform, std::span<const double> std) {
   const PosteriorFunctions prior = prior_functions(*rates.functions, transform);
-  const Eigen::VectorXd noise_std = noise.standard_deviations();
+  const Eigen::VectorXd noise_std = noise.measurement().standard_deviations();
   NoiseModel result = noise;
   for (std::size_t i = 0; i < std.size(); ++i) {
     if (!(std[i] > 0)) continue;

@@ -41,7 +41,7 @@ TEST(StepError, IsTheDenseCovarianceWithAndWithoutMissingValuesAndBias) {
   const Eigen::MatrixXd factor = Eigen::MatrixXd::Random(7, 2);
   const Eigen::VectorXd std = Eigen::VectorXd::LinSpaced(7, 0.3, 0.9);
   for (const NoiseModel& plain : {NoiseModel::independent(std), NoiseModel::correlated(chain(7))}) {
-    const Eigen::MatrixXd r = Eigen::LLT<Eigen::MatrixXd>(Eigen::MatrixXd(plain.precision()))
+    const Eigen::MatrixXd r = Eigen::LLT<Eigen::MatrixXd>(Eigen::MatrixXd(plain.measurement().precision()))
                                   .solve(Eigen::MatrixXd::Identity(7, 7));
     DatumProjector projector(model, plain.with_step_error(1, factor), centre);
     reduction::FunctionBatch w;
@@ -96,9 +96,10 @@ TEST(NoiseModel, ScalarsComeBehindAndHaveNoPartInOffsets) {
   const NoiseModel plain = NoiseModel::correlated(chain(3));
   const NoiseModel both = plain.with_scalars(Eigen::Vector2d(2, 5));
   EXPECT_EQ(both.size(), 5);
-  EXPECT_NEAR(both.log_determinant(), plain.log_determinant() + 2 * std::log(10), 1e-12);
-  EXPECT_EQ(both.precision().coeff(4, 4), 1.0 / 25);
-  EXPECT_EQ(both.precision().coeff(0, 1), -1);
+  EXPECT_NEAR(both.measurement().log_determinant(), plain.measurement().log_determinant() + 2 * std::log(10),
+              1e-12);
+  EXPECT_EQ(both.measurement().precision().coeff(4, 4), 1.0 / 25);
+  EXPECT_EQ(both.measurement().precision().coeff(0, 1), -1);
   // With offsets of the displacements only: dense covariance of two steps, [R + τ²D τ²D; τ²D R + τ²D].
   const auto model = test::random_model(std::make_shared<test::LinearFunctions>(2), 3, 2, 2, 1);
   const Eigen::Vector3d std(0.5, 0.7, 1.1);

@@ -247,12 +247,13 @@ Measurements read_hdf5(const std::string& path) {
 
 void write_noise(files::Hdf5Writer& file, const NoiseModel& noise, std::size_t n_obs) {
   std::string name = "/noise/std";
-  if (noise.is_independent()) {
-    const Eigen::VectorXd std = noise.standard_deviations();
+  if (noise.measurement().is_independent()) {
+    const Eigen::VectorXd std = noise.measurement().standard_deviations();
     file.write(name, {std.data(), n_obs}, {n_obs}, {"m", "standard deviation of the noise"});
   } else {
     name = "/noise/precision";
-    const Eigen::SparseMatrix<double> m = noise.precision();  // symmetric: its columns are its rows
+    const Eigen::SparseMatrix<double> m =
+        noise.measurement().precision();  // symmetric: its columns are its rows
     const auto count = static_cast<std::size_t>(m.nonZeros());
     const std::vector<std::int64_t> indices(m.innerIndexPtr(), m.innerIndexPtr() + count);
     const std::vector<std::int64_t> rows(m.outerIndexPtr(), m.outerIndexPtr() + n_obs + 1);

@@ -153,9 +153,9 @@ Measurements read_measurements_csv(const std::string& path) {
 
 void write_measurements_csv(const std::string& path, const Measurements& m) {
   const auto rows = static_cast<std::size_t>(m.values.rows());
-  if (rows > 0 && !m.noise.is_independent())
+  if (rows > 0 && !m.noise.measurement().is_independent())
     throw UsageError(path + ": a CSV file holds a std for each value, no correlated noise: write HDF5");
-  const Eigen::VectorXd std = rows > 0 ? m.noise.standard_deviations() : Eigen::VectorXd();
+  const Eigen::VectorXd std = rows > 0 ? m.noise.measurement().standard_deviations() : Eigen::VectorXd();
   const auto number = [](double value) { return std::isnan(value) ? "" : files::format_number(value); };
   const bool shared = std::any_of(m.series.begin(), m.series.end(),
                                   [](const auto& series) { return !series.second.shared_std.empty(); });

@@ -49,7 +49,7 @@ TEST(Measurements, PrecisionOfStepsAndSharedReferenceAreRead) {
   EXPECT_EQ(m.noise.shared_reference(), 2);
   EXPECT_FALSE(m.noise.has_step(0));
   ASSERT_TRUE(m.noise.has_step(1));
-  EXPECT_EQ(m.noise.precision().coeff(1, 2), -1);
+  EXPECT_EQ(m.noise.measurement().precision().coeff(1, 2), -1);
   EXPECT_EQ(m.noise.at_step(1).precision().coeff(1, 1), 6);
 }
 
@@ -61,7 +61,8 @@ TEST(Measurements, WhatIsWrittenIsRead) {
   const Measurements again = read_measurements(folder.file("e.h5"));
   EXPECT_EQ(again.values, m.values);
   EXPECT_EQ(again.noise.shared_reference(), 3);
-  EXPECT_EQ(Eigen::MatrixXd(again.noise.precision()), Eigen::MatrixXd(m.noise.precision()));
+  EXPECT_EQ(Eigen::MatrixXd(again.noise.measurement().precision()),
+            Eigen::MatrixXd(m.noise.measurement().precision()));
 }
 
 TEST(Measurements, OfQuantitiesAloneHaveNoDisplacements) {
@@ -119,7 +120,7 @@ TEST(Measurements, ATableIsReadAsItWasWritten) {
   EXPECT_EQ(read.values.row(0), m.values.row(0));
   EXPECT_TRUE(std::isnan(read.values(1, 0)));
   EXPECT_EQ(read.values(1, 1), 2.5e-5);
-  EXPECT_EQ(read.noise.standard_deviations(), m.noise.standard_deviations());
+  EXPECT_EQ(read.noise.measurement().standard_deviations(), m.noise.measurement().standard_deviations());
   EXPECT_EQ(read.series.at("force").values[0], 10);
   EXPECT_TRUE(std::isnan(read.series.at("force").values[1]));
   EXPECT_TRUE(read.series.at("force").shared_std.empty());
@@ -145,7 +146,7 @@ TEST(Measurements, TheUnitOfTheNoiseIsSaidWhereThatOfTheValuesIsNotMetres) {
     file.close();
     return read_measurements(folder.file("d.h5"));
   };
-  EXPECT_NEAR(read("um").noise.standard_deviations()[1], 2e-6, 1e-12);
+  EXPECT_NEAR(read("um").noise.measurement().standard_deviations()[1], 2e-6, 1e-12);
   EXPECT_NE(message_of<DataError>([&] {
               (void)read("");
             }).find("d.h5: values is in mm, and noise/std has no attribute units: say which it is in"),

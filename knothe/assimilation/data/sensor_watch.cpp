@@ -6,7 +6,7 @@
 namespace knothe::assimilation {
 
 SensorWatch::SensorWatch(const NoiseModel& noise)
-    : noise_std_(noise.standard_deviations()),
+    : noise_std_(noise.measurement().standard_deviations()),
       last_(Eigen::VectorXd::Constant(noise.size(), std::numeric_limits<double>::quiet_NaN())),
       expected_then_(Eigen::VectorXd::Zero(noise.size())),
       same_(Eigen::VectorXi::Zero(noise.size())),

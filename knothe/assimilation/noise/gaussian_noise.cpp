@@ -255,4 +255,12 @@ Sparse GaussianNoise::precision() const {
   return diagonal;
 }
 
+Eigen::MatrixXd apply_with_error(const GaussianNoise& noise, const Eigen::MatrixXd& factor,
+                                 const Eigen::Ref<const Eigen::MatrixXd>& x) {
+  const Eigen::MatrixXd weighted = noise.apply(factor);
+  Eigen::MatrixXd information = factor.transpose() * weighted;
+  information.diagonal().array() += 1;
+  return noise.apply(x) - weighted * information.llt().solve(weighted.transpose() * x);
+}
+
 }  // namespace knothe::assimilation

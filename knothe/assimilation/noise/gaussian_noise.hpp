@@ -61,4 +61,9 @@ class GaussianNoise {
   double log_determinant_ = 0;
 };
 
+/// (R + F Fᵀ)⁻¹ X by Woodbury's identity: of `noise` with an error besides that its dofs have together,
+/// N(0, F Fᵀ), `factor` n × q.
+[[nodiscard]] Eigen::MatrixXd apply_with_error(const GaussianNoise& noise, const Eigen::MatrixXd& factor,
+                                               const Eigen::Ref<const Eigen::MatrixXd>& x);
+
 }  // namespace knothe::assimilation

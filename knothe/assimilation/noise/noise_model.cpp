@@ -36,7 +36,7 @@ NoiseModel NoiseModel::with_scale_error(double relative_std) const {
 NoiseModel NoiseModel::with_scalars(const Eigen::VectorXd& std) const {
   if (std.size() == 0) return *this;
   NoiseModel result = *this;
-  static_cast<GaussianNoise&>(result) = with_independent(std);
+  result.measurement_ = measurement_.with_independent(std);
   result.scalar_count_ += std.size();
   for (auto& [step, noise] : result.steps_)
     noise = std::make_shared<const GaussianNoise>(noise->with_independent(std));
@@ -44,7 +44,7 @@ NoiseModel NoiseModel::with_scalars(const Eigen::VectorXd& std) const {
 }
 
 NoiseModel NoiseModel::restricted(const std::vector<Eigen::Index>& kept) const {
-  NoiseModel result = GaussianNoise::restricted(kept);
+  NoiseModel result = measurement_.restricted(kept);
   result.shared_reference_ = shared_reference_;
   result.scale_std_ = scale_std_;
   if (lasting_) {
@@ -81,7 +81,7 @@ const Eigen::MatrixXd* NoiseModel::step_error(std::size_t step) const {
 
 const GaussianNoise& NoiseModel::at_step(std::size_t step) const {
   const auto found = steps_.find(step);
-  return found == steps_.end() ? *this : *found->second;
+  return found == steps_.end() ? measurement_ : *found->second;
 }
 
 }  // namespace knothe::assimilation

@@ -10,12 +10,14 @@
 
 namespace knothe::assimilation {
 
-/// The noise of a step, N(0, R), with the steps that have another one, and with errors beside it: of each
-/// step, or common to all. Immutable; copies share what is large.
-class NoiseModel : public GaussianNoise {
+/// All that a measured value may be off by: the noise of the measurement, N(0, R), with the steps that have
+/// another one, and errors beside it, of each step or common to all. Immutable; copies share what is large.
+/// The parts have their own names, so that no caller takes one for the whole: `measurement` is R alone,
+/// `StepNoise` is all that a step does not share with others.
+class NoiseModel {
  public:
   NoiseModel() = default;
-  NoiseModel(GaussianNoise noise) : GaussianNoise(std::move(noise)) {}  ///< the same at each step, no more
+  NoiseModel(GaussianNoise noise) : measurement_(std::move(noise)) {}  ///< the same at each step, no more
   [[nodiscard]] static NoiseModel independent(const Eigen::VectorXd& std) {
     return GaussianNoise::independent(std);
   }
@@ -57,6 +59,9 @@ class NoiseModel : public GaussianNoise {
   /// and the scale's error.
   [[nodiscard]] NoiseModel restricted(const std::vector<Eigen::Index>& kept) const;
 
+  [[nodiscard]] Eigen::Index size() const { return measurement_.size(); }  ///< observations
+  /// R: of a datum that has none of its own.
+  [[nodiscard]] const GaussianNoise& measurement() const { return measurement_; }
   [[nodiscard]] int shared_reference() const { return shared_reference_; }   ///< 0: nothing is shared
   [[nodiscard]] double offset_std() const { return offset_std_; }            ///< 0: no offsets
   [[nodiscard]] double scale_std() const { return scale_std_; }              ///< 0: the scale is exact
@@ -70,10 +75,11 @@ class NoiseModel : public GaussianNoise {
   /// F of step `step`; null where there is none.
   [[nodiscard]] const Eigen::MatrixXd* step_error(std::size_t step) const;
   [[nodiscard]] bool has_step(std::size_t step) const { return steps_.contains(step); }
-  /// Noise of step `step`: this one where no other was given.
+  /// R of step `step`: `measurement` where no other was given.
   [[nodiscard]] const GaussianNoise& at_step(std::size_t step) const;
 
  private:
+  GaussianNoise measurement_;
   int shared_reference_ = 0;
   double offset_std_ = 0, scale_std_ = 0;
   Eigen::Index scalar_count_ = 0;

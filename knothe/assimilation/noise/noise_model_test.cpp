@@ -28,17 +28,17 @@ TEST(NoiseModel, IndependentNoise) {
   const Eigen::Vector3d std(1e-6, 2e-6, 5e-7);
   const NoiseModel noise = NoiseModel::independent(std);
   const Eigen::Vector3d x(1, -2, 3);
-  EXPECT_TRUE(noise.apply(x).col(0).isApprox(x.cwiseQuotient(std.cwiseAbs2()), 1e-14));
-  EXPECT_NEAR(noise.log_determinant(), 2 * std.array().log().sum(), 1e-12);
-  EXPECT_TRUE(noise.standard_deviations().isApprox(std, 1e-14));
+  EXPECT_TRUE(noise.measurement().apply(x).col(0).isApprox(x.cwiseQuotient(std.cwiseAbs2()), 1e-14));
+  EXPECT_NEAR(noise.measurement().log_determinant(), 2 * std.array().log().sum(), 1e-12);
+  EXPECT_TRUE(noise.measurement().standard_deviations().isApprox(std, 1e-14));
 }
 
 TEST(NoiseModel, CorrelatedNoiseAgainstDenseAlgebra) {
   const auto sparse = chain(9);
   const Eigen::MatrixXd covariance = Eigen::MatrixXd(sparse).inverse();
   const NoiseModel noise = NoiseModel::correlated(sparse);
-  EXPECT_NEAR(noise.log_determinant(), std::log(covariance.determinant()), 1e-12);
-  EXPECT_TRUE(noise.standard_deviations().isApprox(covariance.diagonal().cwiseSqrt(), 1e-12));
+  EXPECT_NEAR(noise.measurement().log_determinant(), std::log(covariance.determinant()), 1e-12);
+  EXPECT_TRUE(noise.measurement().standard_deviations().isApprox(covariance.diagonal().cwiseSqrt(), 1e-12));
 }
 
 TEST(NoiseModel, PrecisionOfASubsetIsThatOfTheMarginal) {
@@ -48,8 +48,8 @@ TEST(NoiseModel, PrecisionOfASubsetIsThatOfTheMarginal) {
   const Eigen::MatrixXd marginal = covariance(kept, kept);
   const NoiseModel noise = NoiseModel::correlated(sparse).restricted(kept);
   const Eigen::MatrixXd identity = Eigen::MatrixXd::Identity(4, 4);
-  EXPECT_TRUE(noise.apply(identity).isApprox(marginal.inverse(), 1e-12));
-  EXPECT_NEAR(noise.log_determinant(), std::log(marginal.determinant()), 1e-12);
+  EXPECT_TRUE(noise.measurement().apply(identity).isApprox(marginal.inverse(), 1e-12));
+  EXPECT_NEAR(noise.measurement().log_determinant(), std::log(marginal.determinant()), 1e-12);
 }
 
 std::string message_of(const std::function<void()>& action) {
@@ -77,14 +77,25 @@ TEST(NoiseModel, BadNoiseIsRefused) {
 }
 
 TEST(NoiseModel, OfADenseCovarianceIsCheckedAndInverted) {
-  EXPECT_THROW((void)NoiseModel::of_covariance(Eigen::MatrixXd::Ones(2, 2)), UsageError);
-  EXPECT_THROW((void)NoiseModel::of_covariance((Eigen::Matrix2d() << 1, 0.5, 0.4, 1).finished()), UsageError);
-  EXPECT_THROW((void)NoiseModel::of_covariance(Eigen::MatrixXd::Ones(2, 3)), UsageError);
+  EXPECT_THROW((void)GaussianNoise::of_covariance(Eigen::MatrixXd::Ones(2, 2)), UsageError);
+  EXPECT_THROW((void)GaussianNoise::of_covariance((Eigen::Matrix2d() << 1, 0.5, 0.4, 1).finished()),
+               UsageError);
+  EXPECT_THROW((void)GaussianNoise::of_covariance(Eigen::MatrixXd::Ones(2, 3)), UsageError);
   const Eigen::Matrix2d covariance = (Eigen::Matrix2d() << 4, 1, 1, 9).finished();
-  const NoiseModel noise = NoiseModel::of_covariance(covariance);
+  const GaussianNoise noise = GaussianNoise::of_covariance(covariance);
   const Eigen::Vector2d x(1, 2);
   EXPECT_LT((noise.apply(Eigen::MatrixXd(x)) - covariance.inverse() * x).norm(), 1e-14);
   EXPECT_NEAR(noise.log_determinant(), std::log(35), 1e-13);
+}
+
+TEST(GaussianNoise, AnErrorThatDofsShareIsAppliedAsTheDenseSum) {
+  const Eigen::MatrixXd factor = (Eigen::MatrixXd(3, 2) << 1, 0, 2, -1, 0.5, 3).finished();
+  const Eigen::MatrixXd x = (Eigen::MatrixXd(3, 2) << 1, 4, -2, 5, 3, 6).finished();
+  for (const GaussianNoise& noise :
+       {GaussianNoise::independent(Eigen::Vector3d(0.5, 2, 1)), GaussianNoise::correlated(chain(3))}) {
+    const Eigen::Matrix3d sum = Eigen::MatrixXd(noise.precision()).inverse() + factor * factor.transpose();
+    EXPECT_LT((apply_with_error(noise, factor, x) - sum.inverse() * x).norm(), 1e-12);
+  }
 }
 
 }  // namespace

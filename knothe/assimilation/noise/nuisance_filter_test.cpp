@@ -61,7 +61,7 @@ DenseNoise dense(const NoiseModel& noise) {
     result.lasting.push_back(noise.lasting_count() > 0 ? noise.lasting_error(t)
                                                        : Eigen::MatrixXd::Zero(k_dofs, 1));
   }
-  const Eigen::MatrixXd r = Eigen::MatrixXd(noise.precision()).inverse();
+  const Eigen::MatrixXd r = Eigen::MatrixXd(noise.measurement().precision()).inverse();
   result.scale_std = noise.scale_std();
   result.displacements = n;
   result.shared = Eigen::MatrixXd::Zero(k_dofs, k_dofs);
@@ -160,7 +160,8 @@ TEST_P(SharedError, OtherDofsMissingAtEachStep) {
 
 TEST_P(SharedError, OnePictureHasAnotherNoise) {
   data_(6, 2) = data_(2, 3) = k_nan;
-  const NoiseModel noise = NoiseModel::correlated(chain(4)).with_step(2, NoiseModel::correlated(chain(1.5)));
+  const NoiseModel noise =
+      NoiseModel::correlated(chain(4)).with_step(2, GaussianNoise::correlated(chain(1.5)));
   expect_is_the_joint_gaussian(noise.with_shared_reference(GetParam()), data_, model_);
 }
 
@@ -169,7 +170,7 @@ TEST_P(SharedError, AScaleThatIsNotKnownExactly) {
       NoiseModel::correlated(chain(4)).with_shared_reference(GetParam()).with_scale_error(0.3);
   expect_is_the_joint_gaussian(noise, data_, model_);
   data_(6, 2) = data_(2, 3) = k_nan;
-  expect_is_the_joint_gaussian(noise.with_step(2, NoiseModel::correlated(chain(1.5))), data_, model_);
+  expect_is_the_joint_gaussian(noise.with_step(2, GaussianNoise::correlated(chain(1.5))), data_, model_);
 }
 
 TEST_P(SharedError, IndependentSensors) {
@@ -205,7 +206,7 @@ TEST_P(SharedError, DofsWithoutAnElement) {
     EXPECT_TRUE(a.quadratic.isApprox(b.quadratic, 1e-12));
     EXPECT_TRUE(a.linear.isApprox(b.linear, 1e-12));
   }
-  EXPECT_EQ(whole.standard_deviations()[4], 0);
+  EXPECT_EQ(whole.measurement().standard_deviations()[4], 0);
 }
 
 /// Errors of the clock at three of the steps.
@@ -222,8 +223,8 @@ void expect_it_is_whatever_is_missing(const NoiseModel& noise, Eigen::MatrixXd d
                                       const std::shared_ptr<const reduction::ObservedModel>& model) {
   expect_is_the_joint_gaussian(noise, data, model);
   const Eigen::Index scalars = noise.scalar_count();
-  NoiseModel wider = NoiseModel::correlated(chain(1.5, k_dofs - scalars));
-  if (scalars > 0) wider = wider.with_scalars(Eigen::VectorXd::Constant(scalars, 0.3));
+  GaussianNoise wider = GaussianNoise::correlated(chain(1.5, k_dofs - scalars));
+  if (scalars > 0) wider = wider.with_independent(Eigen::VectorXd::Constant(scalars, 0.3));
   expect_is_the_joint_gaussian(noise.with_step(2, wider), data, model);
   data(3, 1) = data(4, 1) = data(0, 2) = data(4, 4) = k_nan;
   expect_is_the_joint_gaussian(noise, data, model);
@@ -318,7 +319,8 @@ TEST_P(SharedError, WithADiscrepancyCompleteDataAreJointlyGaussian) {
 TEST_P(SharedError, WithADiscrepancyAndValuesMissingNowAndThenTheyAreToo) {
   data_(3, 1) = data_(4, 4) = k_nan;
   if (GetParam() == 0) return;
-  const NoiseModel noise = NoiseModel::correlated(chain(4)).with_step(2, NoiseModel::correlated(chain(1.5)));
+  const NoiseModel noise =
+      NoiseModel::correlated(chain(4)).with_step(2, GaussianNoise::correlated(chain(1.5)));
   expect_discrepancy_is_joint(noise.with_shared_reference(GetParam()), data_, 1e-9);
   const NoiseModel sensors = NoiseModel::independent(Eigen::VectorXd::LinSpaced(k_dofs, 0.2, 0.5));
   expect_discrepancy_is_joint(sensors.with_shared_reference(GetParam()), data_, 1e-9);
@@ -338,7 +340,7 @@ TEST_P(SharedError, WithADiscrepancyAndOffsetsTheyAreToo) {
       NoiseModel::correlated(chain(4)).with_shared_reference(GetParam()).with_offsets(0.4);
   expect_discrepancy_is_joint(noise, data_, 1e-9);
   data_(3, 1) = data_(4, 4) = k_nan;
-  expect_discrepancy_is_joint(noise.with_step(2, NoiseModel::correlated(chain(1.5))), data_, 1e-9);
+  expect_discrepancy_is_joint(noise.with_step(2, GaussianNoise::correlated(chain(1.5))), data_, 1e-9);
 }
 
 INSTANTIATE_TEST_SUITE_P(ReferencePictures, SharedError, ::testing::Values(0, 1, 4));
@@ -385,7 +387,7 @@ TEST(ScaleError, RegionsCoverOnlyIfItIsRemembered) {
   const double scale_std = 0.05;
   const NoiseModel plain = NoiseModel::correlated(chain(3e3));
   const Eigen::MatrixXd root =  // of R: L⁻ᵀ with L Lᵀ = R⁻¹
-      Eigen::LLT<Eigen::MatrixXd>(Eigen::MatrixXd(plain.precision()))
+      Eigen::LLT<Eigen::MatrixXd>(Eigen::MatrixXd(plain.measurement().precision()))
           .matrixU()
           .solve(Eigen::MatrixXd::Identity(k_dofs, k_dofs));
   reduction::FunctionBatch batch;

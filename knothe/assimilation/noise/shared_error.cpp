@@ -58,10 +58,11 @@ SharedError::SharedError(std::shared_ptr<const reduction::ObservedModel> model, 
   const Eigen::Index n = noise_.size(), scalars = noise_.scalar_count();
   own_.setOnes(n);
   if (pictures_ > 0) own_.head(n - scalars).setConstant((pictures_ + 1) / pictures_);
-  if (noise_.is_independent()) {
+  if (noise_.measurement().is_independent()) {
     // Both are errors of a sensor that stay: their variances add up. Scalars have none.
     Eigen::ArrayXd variance = Eigen::ArrayXd::Constant(n, noise_.offset_std() * noise_.offset_std());
-    if (pictures_ > 0) variance += ((pictures_ + 1) * noise_.inverse_variance()).array().inverse();
+    if (pictures_ > 0)
+      variance += ((pictures_ + 1) * noise_.measurement().inverse_variance()).array().inverse();
     variance.tail(scalars) = 0;
     prior_precision_ = variance.inverse().matrix();
   }
@@ -71,7 +72,9 @@ SharedError::SharedError(std::shared_ptr<const reduction::ObservedModel> model, 
 void SharedError::restart() {
   kinds_.clear();
   const bool pictures_alone = noise_.offset_std() == 0 && noise_.scalar_count() == 0;
-  path_ = noise_.is_independent() ? Path::diagonal : pictures_alone ? Path::uniform : Path::sparse;
+  path_ = noise_.measurement().is_independent() ? Path::diagonal
+          : pictures_alone                      ? Path::uniform
+                                                : Path::sparse;
   mean_.setZero(noise_.size(), 1 + model_->functions->count());
   precision_ = prior_precision_;
   if (path_ == Path::sparse) information_ = prior_information();
@@ -243,12 +246,12 @@ SharedError::Conditional SharedError::condition_diagonal(const NoiseGroup& group
 SharedError::Information SharedError::prior_information() {
   const Eigen::Index n = noise_.size(), sensors = n - noise_.scalar_count();
   std::vector<Sparse> priors;
-  if (noise_.is_independent()) {
+  if (noise_.measurement().is_independent()) {
     Sparse diagonal(n, n);
     for (Eigen::Index i = 0; i < sensors; ++i) diagonal.insert(i, i) = precision_[i];
     priors.push_back(std::move(diagonal));
   } else {
-    if (pictures_ > 0) priors.push_back((pictures_ + 1) * noise_.precision());
+    if (pictures_ > 0) priors.push_back((pictures_ + 1) * noise_.measurement().precision());
     if (noise_.offset_std() > 0) {
       Sparse offsets(n, n);
       for (Eigen::Index i = 0; i < sensors; ++i)
@@ -293,7 +296,7 @@ void SharedError::factorise(Information& information) const {
 /// there. It is that of the same sum with the full matrix, bordered by count [Q_uu] with the coupling
 /// count Q_{:,u}: the own errors of missing dofs as variables beside s.
 SharedError::Information SharedError::with(Information information, Kind& kind, Eigen::Index count) const {
-  const GaussianNoise& whole = kind.of_one_step ? noise_.at_step(kind.step) : noise_;
+  const GaussianNoise& whole = kind.of_one_step ? noise_.at_step(kind.step) : noise_.measurement();
   const Eigen::Index n = noise_.size();
   std::vector<bool> is_kept(static_cast<std::size_t>(n), false);
   for (const Eigen::Index i : kind.kept) is_kept[i] = true;

@@ -160,11 +160,12 @@ SensorDesign::SensorDesign(const reduction::ObservedModel& model, const NoiseMod
                            Eigen::Matrix<double, Eigen::Dynamic, 3> positions)
     : dimension_(prior_std.size()), positions_(std::move(positions)) {
   assert(points.rows() >= 1 && points.cols() == dimension_ && positions_.rows() == model.observations());
-  if (!noise.is_complete())
+  if (!noise.measurement().is_complete())
     throw UsageError("data selection: dofs that are not measured at all must be left out beforehand");
-  if (!noise.is_independent()) covariance_ = std::make_unique<const Covariance>(noise.precision());
-  noise_std_ =
-      covariance_ ? Eigen::VectorXd(covariance_->diagonal().cwiseSqrt()) : noise.standard_deviations();
+  if (!noise.measurement().is_independent())
+    covariance_ = std::make_unique<const Covariance>(noise.measurement().precision());
+  noise_std_ = covariance_ ? Eigen::VectorXd(covariance_->diagonal().cwiseSqrt())
+                           : noise.measurement().standard_deviations();
   for (Eigen::Index i = 0; i < points.rows(); ++i) add_point(model, noise, prior_std, points.row(i));
 }
 
@@ -191,7 +192,7 @@ void SensorDesign::add_point(const reduction::ObservedModel& model, const NoiseM
         std::sqrt((k + 1) / k) * (stack - (c * stack.rowwise().sum()) * Eigen::RowVectorXd::Ones(n_t)).eval();
   }
   if (width_.empty()) {
-    const Eigen::MatrixXd gram = model.space.transpose() * noise.apply(model.space);
+    const Eigen::MatrixXd gram = model.space.transpose() * noise.measurement().apply(model.space);
     all_.resize(d, d);
     for (Eigen::Index a = 0; a < d; ++a) {
       for (Eigen::Index b = 0; b < d; ++b)

@@ -45,7 +45,7 @@ Eigen::MatrixXd dense_information(const reduction::ObservedModel& model, const N
                                   const Eigen::VectorXd& prior_std, const Eigen::VectorXd& p,
                                   const Indices& s) {
   const auto n = static_cast<Eigen::Index>(s.size());
-  const Eigen::MatrixXd r = Eigen::MatrixXd(noise.precision()).inverse()(s, s);
+  const Eigen::MatrixXd r = Eigen::MatrixXd(noise.measurement().precision()).inverse()(s, s);
   const double k = noise.shared_reference();
   Eigen::MatrixXd covariance(n * k_steps, n * k_steps), j(n * k_steps, p.size());
   for (Eigen::Index t = 0; t < k_steps; ++t) {

@@ -129,7 +129,8 @@ SelectionStudy study_selection(const reduction::ObservedModel& model, const redu
 
   const auto start = Clock::now();
   study.sensitivity = sensitivity_fields(whole, problem.at, problem.step) * study.prior_std.asDiagonal();
-  study.score = sensitivity_score(noise.apply(study.sensitivity), paper_criterion(problem.criterion));
+  study.score =
+      sensitivity_score(noise.measurement().apply(study.sensitivity), paper_criterion(problem.criterion));
   const SensorDesign design(model, noise, study.prior_std, problem.at.transpose(), problem.positions);
   Selection chosen;
   if (problem.criterion == Criterion::d_optimal) {
@@ -161,7 +162,7 @@ SelectionStudy study_selection(const reduction::ObservedModel& model, const redu
   }
   if (problem.criterion != Criterion::product) {
     const Eigen::VectorXd score =
-        sensitivity_score(noise.apply(study.sensitivity), SensitivityCriterion::product);
+        sensitivity_score(noise.measurement().apply(study.sensitivity), SensitivityCriterion::product);
     study.curves.push_back(curve_of("product of sensitivities (paper)",
                                     design.along(highest(score, count, problem.positions, 0)),
                                     study.prior_std));

@@ -10,8 +10,7 @@ namespace knothe::assimilation {
 
 /// What a user may ask for, or what data may bring, as far as something else does not go with it.
 enum class Feature {
-  baseline,           ///< a method for comparison: Kalman filters, Monte Carlo
-  composed,           ///< composed maps
+  sequential,         ///< composed maps and Kalman filters, which go on from the datum before
   gate,               ///< values are rejected
   student_t,          ///< Student-t likelihood
   noise_level,        ///< unknown noise level
@@ -20,17 +19,13 @@ enum class Feature {
   extrapolated_bias,  ///< the paper's
   changes,            ///< data that grow old
   truncation,         ///< the model's own error
-  correlated,         ///< noise with a precision matrix
-  reference,          ///< noise of reference pictures
-  offsets,            ///< of sensors
+  dependent,          ///< errors that sensors of a datum have together
+  shared,             ///< errors that steps share: reference pictures, offsets, scale, a series' own
   scale,              ///< not known exactly
   lasting,            ///< an error that a series has at all steps
-  step_error,         ///< of a clock, or of a known parameter
-  lasting_clock,      ///< `step_error` beside `reference` or `offsets`
-  pictures,           ///< that are correlated while they are assimilated
+  shared_clock,       ///< an error of each step beside `shared` ones of each dof
   clock,              ///< a measured quantity that tells the time
   known,              ///< a known parameter
-  series,             ///< beside displacements
   service,            ///< data that come one by one
   candidates,         ///< several models
   verified,           ///< the full-order model is asked

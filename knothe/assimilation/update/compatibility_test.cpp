@@ -19,23 +19,24 @@ Features both(Feature a, Feature b) {
 
 TEST(Compatibility, AConflictIsNamedWithItsReasonAndTheOtherOne) {
   EXPECT_NO_THROW(require_compatible({}));
-  EXPECT_NO_THROW(require_compatible(both(Feature::scale, Feature::offsets)));
-  const Conflict found = find_conflict(both(Feature::changes, Feature::offsets));
+  EXPECT_NO_THROW(require_compatible(both(Feature::scale, Feature::shared)));
+  const Conflict found = find_conflict(both(Feature::changes, Feature::shared));
   EXPECT_EQ(found.key, "");
   EXPECT_EQ(found.message,
             "forgetting, change_points and on_alarm = \"restart\" cannot be combined with errors that steps "
-            "share (offset_std): these require that old data keep their full weight");
+            "share (shared_reference, offset_std, scales, shared_std): these require that old data keep "
+            "their full weight");
   EXPECT_EQ(find_conflict(both(Feature::noise_level, Feature::student_t)).key, "method.noise_level");
-  EXPECT_THROW(require_compatible(both(Feature::changes, Feature::offsets)), UsageError);
+  EXPECT_THROW(require_compatible(both(Feature::changes, Feature::shared)), UsageError);
 }
 
 TEST(Compatibility, NoiseSaysWhatItHas) {
   const NoiseModel plain = NoiseModel::independent(Eigen::Vector2d(1, 2));
   EXPECT_TRUE(features_of(plain).none());
   const NoiseModel clock = plain.with_step_error(3, Eigen::Vector2d(1, 0));
-  EXPECT_EQ(features_of(clock).count(), 1U);
-  EXPECT_EQ(features_of(clock.with_offsets(0.1)), both(Feature::step_error, Feature::offsets) |
-                                                      both(Feature::lasting_clock, Feature::lasting_clock));
+  EXPECT_EQ(features_of(clock), both(Feature::dependent, Feature::dependent));
+  EXPECT_EQ(features_of(clock.with_offsets(0.1)),
+            both(Feature::dependent, Feature::shared) | both(Feature::shared_clock, Feature::shared_clock));
 }
 
 TEST(Compatibility, TheDocumentationHasTheTableAsItIs) {

@@ -42,10 +42,10 @@ DatumProjector::DatumProjector(std::shared_ptr<const reduction::ObservedModel> m
   functions.evaluate(centre.transpose(), 0, batch);
   central_ = batch.value.row(0);
   predicted_.resize(n, n_t);
-  complete_.noise = noise_;
+  complete_.noise = noise_.measurement();
   for (Eigen::Index i = 0; i < n; ++i) complete_.kept.push_back(i);
   complete_.space = model_->space;
-  complete_.weighted_space = noise_.apply(model_->space);
+  complete_.weighted_space = noise_.measurement().apply(model_->space);
   complete_.gram = model_->space.transpose() * complete_.weighted_space;
   quadratic_.resize(n_t);
   for (Eigen::Index t = 0; t < n_t; ++t) {
@@ -169,12 +169,13 @@ const reduction::RowMatrix& DatumProjector::space_rows() {
 }
 
 void DatumProjector::project_complete(std::size_t time_index, StepForm& form) {
-  noise_.apply(residual_, weighted_);
+  noise_.measurement().apply(residual_, weighted_);
   in_space_.noalias() = complete_.weighted_space.transpose() * residual_;
   form.quadratic = quadratic_[time_index];
   form.linear.noalias() = model_->core[time_index].transpose() * in_space_;
   form.constant = residual_.dot(weighted_);
-  form.log_normaliser = static_cast<double>(residual_.size()) * k_log_2_pi + noise_.log_determinant();
+  form.log_normaliser =
+      static_cast<double>(residual_.size()) * k_log_2_pi + noise_.measurement().log_determinant();
 }
 
 const NoiseGroup& DatumProjector::group_of(std::size_t step) {

@@ -9,9 +9,9 @@ namespace knothe::assimilation {
 enum class Method {
   automatic,  ///< the cheapest verified one of `grid`, around the modes, weighted draws, and `transport`
   transport,
-  grid,  ///< dense quadrature: the plain answer, at most 3 parameters
-  markov_chain,
-  sequential_monte_carlo,
+  grid,                    ///< dense quadrature: the plain answer, at most 3 parameters
+  markov_chain,            ///< adaptive chains, their evidence by bridge sampling
+  sequential_monte_carlo,  ///< weighted draws along tempered densities
   extended_kalman,
   unscented_kalman,
   ensemble_kalman
@@ -28,10 +28,9 @@ constexpr auto names_of(Method /*method*/) {
                                        {Method::ensemble_kalman, "enkf"}});
 }
 
-/// Whether it makes a map or a grid of the posterior (`SequentialUpdate`), or is one of those that both are
-/// compared with (`BaselineUpdate`).
-constexpr bool is_baseline(Method method) {
-  return method != Method::automatic && method != Method::transport && method != Method::grid;
+/// Kalman filters, which take the data one after the other.
+constexpr bool is_filter(Method method) {
+  return method >= Method::extended_kalman;
 }
 
 }  // namespace knothe::assimilation

@@ -8,6 +8,7 @@
 
 #include "knothe/assimilation/update/method.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
+#include "knothe/sampling/trust.hpp"
 
 namespace knothe::assimilation {
 
@@ -34,6 +35,7 @@ struct Posterior {
   std::optional<double> noise_level;     ///< mean of the factor of all variances, where it is inferred
 
   double log_evidence = 0;              ///< natural logarithm, all constants included
+  double log_evidence_error = 0;        ///< its standard error, where the method states one
   double log_evidence_lower_bound = 0;  ///< of the map, Eq. 24: low by the Kullback-Leibler divergence
 
   Method method = Method::transport;  ///< that made the points; `grid` is quadrature
@@ -43,11 +45,16 @@ struct Posterior {
   bool tolerance_reached = true;  ///< without a map: converged
   double effective_sample_size = 1;  ///< fraction
   bool second_mode_found = false;
-  bool trusted = true;  ///< diagnostic ≤ 0.05, effective sample size ≥ 0.9, no second mode; or converged
+  bool trusted = true;  ///< the computation (sampling/trust.hpp)
   /// Points, moments and evidence are by a quadrature that has converged: right, whatever the map is.
   bool by_quadrature = false;
   std::string remark;  ///< why the tolerance was not reached or the result is not trusted; else empty
 
+  /// `why_missed`: why the tolerance was missed, where it was; the remark says that first.
+  void set_trust(const sampling::Trust& trust, const std::string& why_missed = "") {
+    trusted = trust.trusted;
+    remark = why_missed + (why_missed.empty() || trust.reason.empty() ? "" : "; ") + trust.reason;
+  }
   /// Sets mean and covariance from points and weights.
   void summarise() { numerics::mean_and_covariance(points, weights, mean, covariance); }
   [[nodiscard]] Eigen::VectorXd standard_deviations() const {

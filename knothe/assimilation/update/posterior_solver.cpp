@@ -9,12 +9,12 @@
 #include "knothe/assimilation/update/filled_quadrature.hpp"
 #include "knothe/assimilation/update/maximum_a_posteriori.hpp"
 #include "knothe/assimilation/update/posterior_functions.hpp"
+#include "knothe/assimilation/update/sampled_posterior.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/monotonic_time.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/sampling/adaptive_importance.hpp"
-#include "knothe/sampling/recycled_importance.hpp"
-#include "knothe/transport/diagnose/trust.hpp"
+#include "knothe/sampling/trust.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -50,12 +50,13 @@ transport::MapSolverOptions online(const UpdateOptions& options) {
   return map;
 }
 
-/// The decision and, in `remark`, why: the tolerance missed, then what speaks against trust.
-void set_trust(Posterior& r, const std::string& reason) {
-  const transport::Trust trust =
-      transport::assess_trust({r.variance_diagnostic, r.effective_sample_size, r.second_mode_found, ""});
-  r.trusted = trust.trusted;
-  r.remark = reason + (reason.empty() || trust.reason.empty() ? "" : "; ") + trust.reason;
+sampling::MapFigures figures_of(const Posterior& r) {
+  return {r.variance_diagnostic, r.effective_sample_size, r.second_mode_found, ""};
+}
+
+/// Of a map whose solve said `why_missed` where the tolerance was missed.
+void set_map_trust(Posterior& r, const std::string& why_missed) {
+  r.set_trust(sampling::trust_of(figures_of(r)), why_missed);
 }
 
 void set_map_moments(const Eigen::MatrixXd& p, Posterior& r) {
@@ -70,6 +71,9 @@ PosteriorSolver::PosteriorSolver(const reduction::ObservedModel& model,
                                  std::shared_ptr<const PriorTransform> transform,
                                  const Eigen::VectorXd& central, const UpdateOptions& options)
     : kind_(options.kind),
+      samples_(options.samples),
+      functions_(model.functions),
+      central_(central),
       transform_(std::move(transform)),
       target_(model.functions, transform_, central),
       solver_(online(options)) {
@@ -77,7 +81,23 @@ PosteriorSolver::PosteriorSolver(const reduction::ObservedModel& model,
     throw ProjectError("method.kind = \"grid\" takes 1 to 3 parameters; use \"transport\" for more");
   if (options.noise_level) target_.infer_noise_level(*options.noise_level);
   solver_.prepare(transform_->dimension());
-  if (options.form == UpdateOptions::Form::composed) composition_.emplace(model, transform_, central);
+  if (is_filter(kind_)) {
+    make_filter();
+  } else if (options.form == UpdateOptions::Form::composed) {
+    composition_.emplace(model, transform_, central);
+  }
+}
+
+void PosteriorSolver::make_filter() {
+  filter_.emplace(kind_, functions_, transform_, central_, std::max<Eigen::Index>(samples_ / 50, 20),
+                  solver_.options().seed);
+  filter_log_evidence_ = 0;
+}
+
+Eigen::MatrixXd PosteriorSolver::parameters(const Eigen::MatrixXd& z) const {
+  Eigen::MatrixXd p(z.rows(), z.cols()), none;
+  transform_->evaluate(z, 0, p, none, none);
+  return p;
 }
 
 void PosteriorSolver::set(const FormSums& sums, const Eigen::VectorXd& shares) {
@@ -89,7 +109,8 @@ void PosteriorSolver::set(const FormSums& sums, const Eigen::VectorXd& shares) {
 }
 
 void PosteriorSolver::solve(const StepForm& last, Posterior& posterior, UpdateTimes& times) {
-  if (composition_ && kind_ != Method::grid) {
+  if (filter_) return by_filter(last, posterior, times);
+  if (composition_ && (kind_ == Method::automatic || kind_ == Method::transport)) {
     shares_.reset();
     by_composed_maps(last, posterior, times);
   } else {
@@ -106,6 +127,12 @@ void PosteriorSolver::solve_collapsed(Posterior& posterior, UpdateTimes& times) 
   posterior.few = {};
   posterior.method = Method::transport;
   if (kind_ == Method::grid) return by_grid(posterior, times);
+  if (kind_ == Method::markov_chain || kind_ == Method::sequential_monte_carlo) {
+    const auto start = monotonic_now();
+    draw(target_, kind_, posterior);
+    times.map = microseconds_since(start);
+    return;
+  }
   if (kind_ == Method::automatic) {
     if (by_quadrature(posterior, times)) return;
     const Eigen::Index d = transform_->dimension();
@@ -121,6 +148,7 @@ Eigen::VectorXd PosteriorSolver::component_shares(const Posterior& posterior) {
 
 void PosteriorSolver::restart() {
   if (composition_) composition_->map = transport::ComposedMap(transform_->dimension());
+  if (filter_) make_filter();
 }
 
 double PosteriorSolver::expected_noise_level(const Posterior& posterior) {
@@ -163,42 +191,61 @@ void PosteriorSolver::by_particles(Posterior& r, UpdateTimes& times) {
     turned_ = z;
     transform_->evaluate(turned_, 0, z, no_derivatives_, no_derivatives_);
   };
-  set_from(sampling::adaptive_importance(target_, options), r);
+  set_from_draws(
+      sampling::adaptive_importance(target_, options),
+      [this](const Eigen::MatrixXd& z) { return parameters(z); }, 1, r);
+  thin_draws(r);
   times.map = microseconds_since(start);
   times.correction = 0;
 }
 
-void PosteriorSolver::draw(sampling::LogDensity& target, Posterior& r) {
+void PosteriorSolver::draw(sampling::LogDensity& target, Method kind, Posterior& r) {
+  const ToParameters to_parameters = [this](const Eigen::MatrixXd& z) { return parameters(z); };
+  const std::uint64_t seed = solver_.options().seed;
+  if (kind == Method::markov_chain) {
+    solve_by_chains(target, to_parameters, {.samples = samples_, .seed = seed}, r);
+    return;
+  }
   sampling::RecycledImportanceOptions options;
-  options.seed = solver_.options().seed;
-  options.variables = [this](const Eigen::MatrixXd& z) {
-    Eigen::MatrixXd p(z.rows(), z.cols());
-    transform_->evaluate(z, 0, p, no_derivatives_, no_derivatives_);
-    return p;
-  };
-  set_from(sampling::recycled_importance(target, options), r);
+  options.max_evaluations = std::max<std::int64_t>(options.max_evaluations, 2 * samples_);
+  options.seed = seed;
+  solve_by_draws(target, to_parameters, options, r);
+  thin_draws(r);
 }
 
-void PosteriorSolver::set_from(const sampling::ImportanceResult& draws, Posterior& r) {
-  const sampling::WeightedSample& sample = draws.sample;
-  set_from(sample.points, sample.weights, numerics::weighted_quantiles(sample.points, sample.weights), r);
+void PosteriorSolver::thin_draws(Posterior& r) const {
   sampling::thin(r.points, r.weights, k_max_particles, solver_.options().seed);
   sampling::sort_along_curve(r.points, r.weights);  // the alarm predicts from some of them
-  r.method = Method::sequential_monte_carlo;
+}
+
+/// The filter's own Gaussian of z: moments, quantiles and evidence are its, uncorrected. Importance weights
+/// from it to the exact posterior say how far that is off, so that `trusted` means what it means for a map.
+void PosteriorSolver::by_filter(const StepForm& last, Posterior& r, UpdateTimes& times) {
+  constexpr Eigen::Index k_reference_points = 1024;
+  const auto start = monotonic_now();
+  filter_log_evidence_ += filter_->update(last);
+  const Eigen::Index d = transform_->dimension();
+  const Eigen::MatrixXd reference = standardised_points(k_reference_points, d, solver_.options().seed);
+  const Eigen::MatrixXd root = filter_->covariance().llt().matrixL();
+  Eigen::MatrixXd z = (reference * root.transpose()).rowwise() + filter_->mean().transpose();
+  sampling::LogDensityBatch batch;
+  batch.resize(z.rows(), d, 0);
+  target_.evaluate(z, 0, batch);
+  const Eigen::VectorXd log_weight = batch.value + 0.5 * reference.rowwise().squaredNorm();
+  if (filter_->members().rows() > 0) z = filter_->members();
+  const Eigen::VectorXd weights = Eigen::VectorXd::Constant(z.rows(), 1.0 / static_cast<double>(z.rows()));
+  set_from(z, weights, numerics::weighted_quantiles(z, weights), r);
+  r.method = kind_;
   r.map_mean = r.mean;
   r.map_covariance = r.covariance;
-  r.map_order = 0;
-  r.variance_diagnostic = 0;
-  r.log_evidence = r.log_evidence_lower_bound = sample.log_evidence;
-  r.effective_sample_size = sample.effective_size / static_cast<double>(sample.weights.size());
-  r.trusted = r.tolerance_reached = draws.converged;
-  r.second_mode_found = r.by_quadrature = false;
-  r.remark.clear();
-  if (!draws.converged)
-    r.remark = fmt::format(
-        "the draws state an error of {:.2f} standard deviations in a mean and of {:.0f} % in a standard "
-        "deviation, from {:.0f} effective draws of {}",
-        draws.mean_error, 100 * draws.deviation_error, sample.effective_size, sample.weights.size());
+  r.log_evidence = r.log_evidence_lower_bound = filter_log_evidence_;
+  r.effective_sample_size = numerics::effective_share(log_weight);
+  r.variance_diagnostic = 0.5 * (log_weight.array() - log_weight.mean()).square().mean();
+  const sampling::Trust trust = sampling::trust_of_gaussian(figures_of(r));
+  r.set_trust(trust);
+  r.tolerance_reached = trust.trusted;
+  r.maximum_a_posteriori = parameters(filter_->mean().transpose()).row(0).transpose();
+  times.map = microseconds_since(start);
 }
 
 /// Every other node, whose rule has the moments and the evidence of all to 1 %; but those that carry little,
@@ -232,9 +279,8 @@ void PosteriorSolver::by_grid(Posterior& r, UpdateTimes& times) {
   r.map_mean = r.mean;
   r.map_covariance = r.covariance;
   r.log_evidence_lower_bound = grid.log_evidence;
-  r.trusted = r.tolerance_reached = grid.resolved();
-  if (!grid.resolved())
-    r.remark = "the posterior is too narrow for the grid: use method.kind = \"transport\"";
+  r.set_trust(sampling::trust_of(grid.figures()));
+  r.tolerance_reached = r.trusted;
   times.map = microseconds_since(start);
 }
 
@@ -257,7 +303,7 @@ void PosteriorSolver::by_collapsed_map(Posterior& r, UpdateTimes& times) {
     r.effective_sample_size = ess;
     r.log_evidence_lower_bound = map_.map_log_evidence();
     integrate(target_, r);
-    set_trust(r, map_.reason);
+    set_map_trust(r, map_.reason);
     r.remark += fmt::format("{}moments, quantiles and evidence are by quadrature at {} points",
                             r.remark.empty() ? "" : "; ", r.weights.size());
   } else {
@@ -265,7 +311,7 @@ void PosteriorSolver::by_collapsed_map(Posterior& r, UpdateTimes& times) {
     r.log_evidence = correction_.log_evidence;
     r.log_evidence_lower_bound = correction_.map_log_evidence;
     set_from(correction_.points, correction_.weights, correction_.quantiles, r);
-    set_trust(r, map_.reason);
+    set_map_trust(r, map_.reason);
   }
   times.correction = microseconds_since(correction_start);
 }
@@ -275,6 +321,7 @@ void PosteriorSolver::integrate(sampling::LogDensity& target, Posterior& r) {
   set_from(quadrature, r);
   r.by_quadrature = quadrature.evidence_change <= k_converged && quadrature.moment_change <= k_converged &&
                     quadrature.mass_at_border <= k_border_mass;
+  r.trusted = r.by_quadrature;
 }
 
 void PosteriorSolver::compose_anew() {
@@ -315,7 +362,7 @@ void PosteriorSolver::by_composed_maps(const StepForm& last, Posterior& r, Updat
   set_from(composition.batch.value, pushed.weights,
            numerics::weighted_quantiles(composition.batch.value, pushed.weights), r);
   set_map_moments(r.points, r);
-  set_trust(r, map_.reason);
+  set_map_trust(r, map_.reason);
   times.correction = microseconds_since(correction_start);
   times.map = microseconds_since(start) - times.correction;
 }

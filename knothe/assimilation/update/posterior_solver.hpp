@@ -1,6 +1,7 @@
 #pragma once
-/// @file Finds the posterior of data whose forms are summed up: by a grid, by weighted draws, by one map
-/// of all data, or by composed maps; corrected by importance weights or by quadrature, and judged.
+/// @file Finds the posterior of data whose forms are summed up, by every method there is: quadrature, one map
+/// of all data or composed maps, corrected by importance weights or quadrature, weighted draws, Markov
+/// chains, Kalman filters; and judges it.
 #include <Eigen/Core>
 #include <memory>
 #include <optional>
@@ -8,6 +9,7 @@
 
 #include "knothe/assimilation/update/collapsed_posterior.hpp"
 #include "knothe/assimilation/update/composed_density.hpp"
+#include "knothe/assimilation/update/gaussian_filter.hpp"
 #include "knothe/assimilation/update/step_store.hpp"
 #include "knothe/assimilation/update/tensor_quadrature.hpp"
 #include "knothe/assimilation/update/update_options.hpp"
@@ -37,16 +39,17 @@ class PosteriorSolver {
   /// The same without what only a result needs (most probable point, level of the noise); never by composed
   /// maps.
   void solve_collapsed(Posterior& posterior, UpdateTimes& times);
-  /// Points, moments, quantiles and evidence by quadrature of another target in the same z, of at most
+  /// Points, moments, quantiles, evidence and trust by quadrature of another target in the same z, of at most
   /// `k_max_quadrature_parameters`; `by_quadrature` says whether it has converged.
   void integrate(sampling::LogDensity& target, Posterior& posterior);
-  /// The same by weighted draws, of few evaluations, in any dimension; `trusted` says whether they converged.
-  void draw(sampling::LogDensity& target, Posterior& posterior);
+  /// The same by weighted draws (`smc`) or chains (`mcmc`), in any dimension.
+  void draw(sampling::LogDensity& target, Method kind, Posterior& posterior);
   /// Of a mixture: how probable each of its parts is under that posterior.
   [[nodiscard]] Eigen::VectorXd component_shares(const Posterior& posterior);
 
-  [[nodiscard]] bool is_composed() const { return composition_.has_value(); }
-  /// Composed maps begin again.
+  /// Whether a posterior goes on from that of the datum before: composed maps and Kalman filters.
+  [[nodiscard]] bool is_sequential() const { return composition_.has_value() || filter_.has_value(); }
+  /// These begin again.
   void restart();
   /// The target, in z.
   [[nodiscard]] CollapsedLogDensity& target() { return target_; }
@@ -58,22 +61,30 @@ class PosteriorSolver {
   void by_grid(Posterior& posterior, UpdateTimes& times);
   void by_collapsed_map(Posterior& posterior, UpdateTimes& times);
   void by_composed_maps(const StepForm& last, Posterior& posterior, UpdateTimes& times);
+  void by_filter(const StepForm& last, Posterior& posterior, UpdateTimes& times);
+  void make_filter();
+  [[nodiscard]] Eigen::MatrixXd parameters(const Eigen::MatrixXd& z) const;
   void compose_anew();
   void set_from(const transport::MapResult& map, Posterior& posterior);
   void set_from(const QuadraturePosterior& quadrature, Posterior& posterior);
-  void set_from(const sampling::ImportanceResult& draws, Posterior& posterior);
+  void thin_draws(Posterior& posterior) const;
   void set_from(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights, const Eigen::MatrixXd& z_quantiles,
                 Posterior& posterior);
   [[nodiscard]] double expected_noise_level(const Posterior& posterior);
 
   Method kind_;
+  Eigen::Index samples_;
+  std::shared_ptr<const reduction::ParameterFunctions> functions_;
+  Eigen::VectorXd central_;
   std::shared_ptr<const PriorTransform> transform_;
   CollapsedLogDensity target_;
   transport::MapSolver solver_;
   transport::MapResult map_;
   transport::ImportanceCorrection correction_;
   std::optional<MapComposition> composition_;  ///< for Form::composed
-  std::optional<Eigen::VectorXd> shares_;      ///< of a mixture's parts, where quadrature has given them
+  std::optional<GaussianFilter> filter_;       ///< for the Kalman filters
+  double filter_log_evidence_ = 0;
+  std::optional<Eigen::VectorXd> shares_;  ///< of a mixture's parts, where quadrature has given them
   sampling::ModeSearch search_;
   Eigen::MatrixXd no_derivatives_, map_points_, turned_;
 };

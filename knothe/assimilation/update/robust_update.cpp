@@ -21,7 +21,11 @@ constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
 
 RobustUpdate::RobustUpdate(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
                            std::vector<Prior> priors, UpdateOptions options, RobustOptions robust)
-    : model_(model), noise_(noise), robust_(robust), watch_(noise), noise_std_(noise.standard_deviations()) {
+    : model_(model),
+      noise_(noise),
+      robust_(robust),
+      watch_(noise),
+      noise_std_(noise.measurement().standard_deviations()) {
   Features features = features_of(noise_);
   add(features, Feature::gate, robust_.gate > 0);
   add(features, Feature::student_t, robust_.degrees_of_freedom > 0);

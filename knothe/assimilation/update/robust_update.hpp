@@ -47,6 +47,11 @@ class RobustUpdate {
   [[nodiscard]] const UpdateResult& result() const { return result_; }
   [[nodiscard]] const SensorReport& sensors() const { return sensors_; }
   [[nodiscard]] const Posterior& posterior() const { return result_; }
+  /// The form of the last datum given those before; null before the first.
+  [[nodiscard]] const StepForm* latest_form() const {
+    if (!last_) return nullptr;
+    return student_ ? &student_->latest_form() : gaussian_->form_of(*last_);
+  }
 
  private:
   struct Prediction {

@@ -79,6 +79,11 @@ void SequentialUpdate::apply_changes() {
   if (changed && summed_ && *summed_ >= *changed) rewind(*changed);
 }
 
+const StepForm* SequentialUpdate::form_of(std::size_t step) const {
+  const auto found = store_.steps().find(step);
+  return found == store_.steps().end() ? nullptr : &found->second.assimilated();
+}
+
 StepForm SequentialUpdate::form_up_to(std::size_t step) {
   apply_changes();
   StepForm sum = StepForm::zero(store_.projector().central_functions().size());
@@ -95,7 +100,7 @@ StepForm SequentialUpdate::form_up_to(std::size_t step) {
 /// steps before; the collapsed posterior only the last one, and the one before it for the increment of the
 /// evidence.
 bool SequentialUpdate::posteriors_depend_on_earlier() const {
-  return solver_.is_composed() || supervision_.learns() || changes_.possible();
+  return solver_.is_sequential() || supervision_.learns() || changes_.possible();
 }
 
 const UpdateResult& SequentialUpdate::conclude(std::size_t step) {
@@ -285,7 +290,7 @@ bool SequentialUpdate::restart_at_change(std::size_t step, const ModelSupervisio
 /// changed the steps before it, nothing is at all.
 void SequentialUpdate::rewind(std::size_t step) {
   const bool remembered = followed_ && supervision_.remembers(step) && !(redone_at_ && *redone_at_ >= step);
-  if (!remembered || solver_.is_composed()) {
+  if (!remembered || solver_.is_sequential()) {
     restart();
     return;
   }
@@ -308,7 +313,7 @@ void SequentialUpdate::go_back_before(std::size_t step) {
   for (auto it = store_.steps().begin(); it != end; ++it) {
     sums_.add(it->second);
     summed_ = it->first;
-    if (solver_.is_composed()) solve(it->first);
+    if (solver_.is_sequential()) solve(it->first);
   }
 }
 

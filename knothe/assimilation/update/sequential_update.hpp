@@ -66,6 +66,8 @@ class SequentialUpdate {
   /// data are not kept (`UpdateOptions::learn_bias`), and for an empty range.
   const UpdateResult& redo(std::size_t from, std::size_t to);
 
+  /// The form of a step's data given those before, as it is assimilated; null for a step that is not there.
+  [[nodiscard]] const StepForm* form_of(std::size_t step) const;
   /// The quadratic form of all data of steps ≤ `step`, of functions centred at the priors'
   /// medians.
   [[nodiscard]] StepForm form_up_to(std::size_t step);

@@ -13,7 +13,7 @@
 #include "knothe/base/monotonic_time.hpp"
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
-#include "knothe/transport/diagnose/trust.hpp"
+#include "knothe/sampling/trust.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -38,7 +38,7 @@ Eigen::VectorXd functions_at_medians(const reduction::ObservedModel& model, cons
 
 UpdateOptions of_all_data(UpdateOptions options) {
   options.form = UpdateOptions::Form::collapsed;
-  if (options.kind == Method::automatic) options.kind = Method::transport;
+  if (options.kind != Method::grid) options.kind = Method::transport;
   return options;
 }
 
@@ -125,6 +125,7 @@ StudentUpdate::StudentUpdate(std::shared_ptr<const reduction::ObservedModel> mod
       transform_(truncated_to_box(*model_, std::move(priors))),
       central_(functions_at_medians(*model_, *transform_)),
       likelihood_(model_, central_, degrees),
+      kind_(options.kind),
       solver_(*model_, transform_, central_, of_all_data(options)),
       supervision_(model_, noise, transform_, options),
       functions_(supervision_.functions()) {
@@ -215,6 +216,12 @@ void StudentUpdate::approach() {
 
 /// From the posterior of the form to that of the values.
 void StudentUpdate::correct() {
+  if (kind_ == Method::sequential_monte_carlo || kind_ == Method::markov_chain) {
+    ExactDensity exact(likelihood_, *model_->functions, *transform_, central_);
+    solver_.draw(exact, kind_, result_);
+    functions_ = posterior_functions(*model_->functions, result_.points, result_.weights);
+    return;
+  }
   if (standard_deviation(left_out_) <= k_negligible) {
     result_.log_evidence += left_out_.mean();
     result_.log_evidence_lower_bound += left_out_.mean();
@@ -225,7 +232,7 @@ void StudentUpdate::correct() {
   model_->functions->evaluate(result_.points, 0, batch);
   const double share = weigh(left_out(batch.value.transpose().colwise() - functions_.mean));
   const bool few = result_.points.cols() <= k_max_quadrature_parameters;
-  if (share < (few ? k_quadrature_below : transport::k_trusted_effective_sample_size)) replace(few, share);
+  if (share < (few ? k_quadrature_below : sampling::k_trusted_effective_sample_size)) replace(few, share);
   functions_ = posterior_functions(*model_->functions, result_.points, result_.weights);
 }
 
@@ -252,9 +259,8 @@ void StudentUpdate::replace(bool by_quadrature, double share) {
   ExactDensity exact(likelihood_, *model_->functions, *transform_, central_);
   if (by_quadrature) {
     solver_.integrate(exact, result_);
-    result_.trusted = result_.by_quadrature;
   } else {
-    solver_.draw(exact, result_);
+    solver_.draw(exact, Method::sequential_monte_carlo, result_);
   }
   result_.log_evidence_lower_bound = std::min(result_.log_evidence_lower_bound, result_.log_evidence);
   result_.remark = fmt::format(
@@ -294,10 +300,10 @@ void StudentUpdate::set_most_probable() {
 void StudentUpdate::watch(std::size_t step) {
   const auto start = monotonic_now();
   precision_factors_ = likelihood_.precision_factors(functions_.mean - central_, functions_.factor);
-  StoredStep stored;
-  stored.form = likelihood_.gaussian_form(precision_factors_);
-  (void)supervision_.check_prediction(step, stored, central_);
-  supervision_.learn(stored, {}, result_);
+  latest_ = {};
+  latest_.form = likelihood_.gaussian_form(precision_factors_);
+  (void)supervision_.check_prediction(step, latest_, central_);
+  supervision_.learn(latest_, {}, result_);
   result_.elapsed_us.watch = microseconds_since(start);
 }
 

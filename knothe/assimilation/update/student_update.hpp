@@ -32,6 +32,8 @@ class StudentUpdate {
                              const Eigen::Ref<const Eigen::VectorXd>& scale);
   [[nodiscard]] const UpdateResult& result() const { return result_; }
   [[nodiscard]] const std::vector<Prior>& priors() const;  ///< truncated
+  /// The last datum as one of Gaussian noise of the precisions found.
+  [[nodiscard]] const StepForm& latest_form() const { return latest_.form; }
   /// Expected precision factors of the last datum's values, n; NaN where missing.
   [[nodiscard]] const Eigen::VectorXd& precision_factors() const { return precision_factors_; }
 
@@ -50,12 +52,14 @@ class StudentUpdate {
   std::shared_ptr<const PriorTransform> transform_;
   Eigen::VectorXd central_;  ///< w₀
   StudentLikelihood likelihood_;
+  Method kind_;
   PosteriorSolver solver_;
   ModelSupervision supervision_;
   PosteriorFunctions functions_;  ///< of the posterior before the datum, or of the last solve
   StepForm form_;                 ///< of the last solve, in v
   Eigen::VectorXd left_out_;      ///< ℓ − form at the points of `functions_`
   bool first_ = true;
+  StoredStep latest_;
   UpdateResult result_;
   Eigen::VectorXd precision_factors_;
 };

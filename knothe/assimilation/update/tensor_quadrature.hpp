@@ -10,6 +10,7 @@
 #include "knothe/reduction/grid/grid_evaluator.hpp"
 #include "knothe/sampling/log_density.hpp"
 #include "knothe/sampling/mode_search.hpp"
+#include "knothe/sampling/trust.hpp"
 
 namespace knothe::assimilation {
 
@@ -48,9 +49,10 @@ struct QuadraturePosterior {
   double mass_at_border = 0;  ///< share of the mass in the outermost layer of the grid
   Eigen::Index per_axis = 0;  ///< nodes
   std::int64_t evaluations = 0;
-  [[nodiscard]] bool resolved() const {
-    return evidence_change <= 0.01 && moment_change <= 0.01 && line_change <= 0.1 && mass_at_border <= 1e-5;
+  [[nodiscard]] sampling::QuadratureFigures figures() const {
+    return {evidence_change, moment_change, line_change, mass_at_border, per_axis};
   }
+  [[nodiscard]] bool resolved() const { return sampling::is_resolved(figures()); }
   /// Two or three parameters along their own axes; else empty.
   struct Lattice {
     Eigen::MatrixXd axes;                             ///< nodes of each axis, n × d, z

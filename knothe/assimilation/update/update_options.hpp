@@ -13,8 +13,10 @@
 namespace knothe::assimilation {
 
 struct UpdateOptions {
-  /// How the posterior is computed: `automatic`, `transport` or `grid`. The others are `BaselineUpdate`'s.
-  Method kind = Method::automatic;
+  Method kind = Method::automatic;  ///< how the posterior is computed
+  /// Draws of `mcmc`, half the evaluations of `smc` where that is more than 20,000, fifty times the members
+  /// of `enkf`.
+  Eigen::Index samples = 10000;
   /// All data in one quadratic form and one map (constant cost, no accumulated error), or a composition of
   /// one low-order map per datum (Rubio et al. 2019, Eq. 10-11).
   enum class Form { collapsed, composed } form = Form::collapsed;

@@ -111,13 +111,15 @@ Assessor::Assessor(std::shared_ptr<const reduction::ObservedModel> model, NoiseM
   central_ = centre.value.row(0).transpose();
   if (errors_.count() == 0) return;
   if (errors_.points.size() > 0) shift_.emplace(*model_, errors_, priors_);
-  const Eigen::MatrixXd weighted = model_->space.transpose() * tests_.noise().apply(errors_.space);
+  const Eigen::MatrixXd weighted =
+      model_->space.transpose() * tests_.noise().measurement().apply(errors_.space);
   for (std::size_t t = 0; t < model_->core.size(); ++t)
     projected_.push_back(model_->core[t].transpose() * (weighted * errors_.coefficients[t]));
 }
 
 Verdict Assessor::assess(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data) {
   Verdict verdict;
+  if (posterior.latest != nullptr) verdict.latest = misfit_of(*posterior.latest, posterior);
   assess_computation(posterior.update, verdict);
   assess_fit(posterior, data, verdict);
   assess_range(posterior.update, verdict);
@@ -136,11 +138,21 @@ void Assessor::assess_computation(const UpdateResult& update, Verdict& verdict) 
                {}});
 }
 
+/// χ² of the data of a form at the mean of w.
+Misfit Assessor::misfit_of(const StepForm& form, const AssessedPosterior& posterior) const {
+  const Eigen::VectorXd v = posterior.functions.mean - central_;
+  const double chi_squared = form.constant - 2 * form.linear.dot(v) + v.dot(form.quadratic * v);
+  Misfit misfit{std::max(0.0, chi_squared) / posterior.update.noise_level.value_or(1.0), form.used};
+  if (misfit.values > 0)
+    misfit.probability = numerics::chi_squared_upper(misfit.statistic, static_cast<double>(misfit.values));
+  return misfit;
+}
+
 ResidualReport Assessor::examine(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data) {
   const Index parameters = priors_.dimension();
   ResidualReport report =
       tests_.examine(data, posterior.functions.mean, posterior.update.noise_level.value_or(1.0), parameters);
-  if (robust_.is_active() && tests_.noise().is_independent()) {
+  if (robust_.is_active() && tests_.noise().measurement().is_independent()) {
     Eigen::MatrixXd scores = report.scores;
     if (robust_.gate > 0) {
       scores = (scores.array().abs() > robust_.gate).select(0.0, scores);
@@ -152,16 +164,10 @@ ResidualReport Assessor::examine(const AssessedPosterior& posterior, std::span<c
   }
   if (posterior.all_data == nullptr) return report;
   // All data, also those whose residuals are no longer looked at, and errors that steps share eliminated.
-  const StepForm& all = posterior.all_data->form;
-  const Eigen::VectorXd v = posterior.functions.mean - central_;
-  const double level = posterior.update.noise_level.value_or(1.0);
-  report.misfit = all.constant - 2 * all.linear.dot(v) + v.dot(all.quadratic * v);
-  report.misfit = std::max(0.0, report.misfit) / level;
-  report.values = all.used;
-  report.set(ResidualTest::total,
-             report.values == 0
-                 ? 1
-                 : numerics::chi_squared_upper(report.misfit, static_cast<double>(report.values)));
+  const Misfit all = misfit_of(posterior.all_data->form, posterior);
+  report.misfit = all.statistic;
+  report.values = all.values;
+  report.set(ResidualTest::total, all.probability);
   return report;
 }
 
@@ -246,7 +252,8 @@ void Assessor::assess_fit(const AssessedPosterior& posterior, std::span<const Ex
                        report.of(worst),
                        options_.fit_caution,
                        misfit_in_words(report, examined),
-                       MisfitCause::unknown};
+                       MisfitCause::unknown,
+                       is_about_noise(worst)};
   bool grave = reason.value < options_.fit_reject && !is_about_noise(worst);
   if (worst != ResidualTest::repeated) {
     const Diagnosis found =
@@ -289,7 +296,8 @@ void Assessor::assess_range(const UpdateResult& update, Verdict& verdict) const 
 
 /// Of the values that are there; with correlated noise, as if all were.
 Eigen::MatrixXd Assessor::projected_errors(const ExaminedDatum& datum) const {
-  const bool own = datum.noise != nullptr || tests_.noise().has_step(datum.step);
+  const Eigen::MatrixXd* step_error = tests_.noise().step_error(datum.step);
+  const bool own = datum.noise != nullptr || tests_.noise().has_step(datum.step) || step_error != nullptr;
   const GaussianNoise& noise = datum.noise != nullptr ? *datum.noise : tests_.noise().at_step(datum.step);
   const bool complete = !noise.is_independent() || !datum.values->hasNaN();
   if (complete && !own) return projected_[datum.time_index];
@@ -297,7 +305,9 @@ Eigen::MatrixXd Assessor::projected_errors(const ExaminedDatum& datum) const {
   if (!complete)
     for (Eigen::Index i = 0; i < errors.rows(); ++i)
       if (std::isnan((*datum.values)[i])) errors.row(i).setZero();
-  return model_->core[datum.time_index].transpose() * (model_->space.transpose() * noise.apply(errors));
+  const Eigen::MatrixXd weighted =
+      step_error == nullptr ? noise.apply(errors) : apply_with_error(noise, *step_error, errors);
+  return model_->core[datum.time_index].transpose() * (model_->space.transpose() * weighted);
 }
 
 void Assessor::forget_from(std::size_t step) {

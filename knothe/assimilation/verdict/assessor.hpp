@@ -37,6 +37,8 @@ struct AssessedPosterior {
   /// The forms of all data that the posterior is of, where it is made of forms and nothing in them is
   /// corrected or forgotten; null otherwise.
   const FormSums* all_data = nullptr;
+  /// The form of the last step's data given those before, as it was assimilated; null: not known.
+  const StepForm* latest = nullptr;
   bool corrected = false;  ///< some of the data were assimilated with the corrected model
   std::span<const Eigen::Index> stuck = {};
 };
@@ -57,6 +59,7 @@ class Assessor {
  private:
   void assess_computation(const UpdateResult& update, Verdict& verdict) const;
   void assess_fit(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data, Verdict& verdict);
+  [[nodiscard]] Misfit misfit_of(const StepForm& form, const AssessedPosterior& posterior) const;
   [[nodiscard]] ResidualReport examine(const AssessedPosterior& posterior,
                                        std::span<const ExaminedDatum> data);
   void test_constancy(const AssessedPosterior& posterior, std::span<const ExaminedDatum> data,

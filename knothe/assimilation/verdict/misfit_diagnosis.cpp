@@ -95,7 +95,7 @@ class Diagnostician {
 
   /// White residuals, but larger or smaller than stated.
   [[nodiscard]] std::optional<Diagnosis> other_noise_level(const Eigen::MatrixXd& scores) const {
-    if (!tests_.noise().is_independent()) return {};
+    if (!tests_.noise().measurement().is_independent()) return {};
     const auto present = static_cast<double>((scores.array() != 0).count());
     if (present < 2 * static_cast<double>(parameters_) + 8) return {};
     const double factor = std::sqrt(scores.squaredNorm() / (present - static_cast<double>(parameters_)));
@@ -132,9 +132,10 @@ class Diagnostician {
     if (sensors.empty() && values == 0) return {};
     if (static_cast<Index>(sensors.size()) > most || 10 * values > n * m) return {};
     // Values just below the limit are still there: not as strict as elsewhere.
-    if (tests_.noise().is_independent() && tests_.examine_scores(z, parameters_).fails(1e-4 * limit_))
+    if (tests_.noise().measurement().is_independent() &&
+        tests_.examine_scores(z, parameters_).fails(1e-4 * limit_))
       return {};
-    if (!tests_.noise().is_independent() &&
+    if (!tests_.noise().measurement().is_independent() &&
         z.squaredNorm() > 1.5 * static_cast<double>((z.array() != 0).count()))
       return {};
     if (sensors.size() > 1) {

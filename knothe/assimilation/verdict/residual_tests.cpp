@@ -47,6 +47,15 @@ double two_sided(double z) {
   return 2 * numerics::normal_cdf(-std::abs(z));
 }
 
+/// rᵀ (R + F Fᵀ)⁻¹ r with F = `error`, of the values that are there; `residual` is 0 at the others.
+double misfit_with(const Eigen::MatrixXd& error, const Eigen::VectorXd& values, const GaussianNoise& noise,
+                   const Eigen::VectorXd& residual) {
+  Eigen::MatrixXd seen = error;
+  for (Index i = 0; i < values.size(); ++i)
+    if (std::isnan(values[i])) seen.row(i).setZero();
+  return residual.dot(apply_with_error(noise, seen, residual).col(0));
+}
+
 std::vector<std::array<Index, 2>> nearest_of_same_component(const reduction::Sensors& sensors) {
   const std::size_t n = sensors.displacement_count();
   std::set<std::array<Index, 2>> pairs;
@@ -86,8 +95,9 @@ ResidualTests::ResidualTests(std::shared_ptr<const reduction::ObservedModel> mod
       sensors_(std::move(sensors)),
       groups_(static_cast<std::size_t>(noise_.size()), 0) {
   const Index n = noise_.size();
-  inverse_std_ = noise_.is_independent() ? Eigen::VectorXd(noise_.inverse_variance())
-                                         : Eigen::VectorXd(noise_.precision().diagonal());
+  const GaussianNoise& measurement = noise_.measurement();
+  inverse_std_ = measurement.is_independent() ? Eigen::VectorXd(measurement.inverse_variance())
+                                              : Eigen::VectorXd(measurement.precision().diagonal());
   // Errors that steps share are no part of R.
   for (Index i = 0; i < n; ++i) {
     double& precision = inverse_std_[i];
@@ -118,7 +128,7 @@ ResidualTests::ResidualTests(std::shared_ptr<const reduction::ObservedModel> mod
   // Of one step alone space and core together are dear; of all at once the product with space costs a sixth.
   if (n * r < l * (n / 6 + r))
     for (const Eigen::MatrixXd& core : model_->core) rows_.emplace_back(model_->space * core);
-  const Eigen::MatrixXd weighted = noise_.apply(model_->space);  // n × l
+  const Eigen::MatrixXd weighted = measurement.apply(model_->space);  // n × l
   const numerics::SymmetricEigen modes(model_->space.transpose() * weighted);
   const double enough = 1e-8 * modes.eigenvalues().tail(1)[0];
   Index k = 0;
@@ -189,6 +199,8 @@ ResidualReport ResidualTests::examine(std::span<const ExaminedDatum> data, const
     } else {
       present = 0;  // a noise of its own and values missing: what is left of it costs too much
     }
+    if (const Eigen::MatrixXd* error = noise_.step_error(datum.step); error != nullptr && present > 0)
+      misfit = misfit_with(*error, *datum.values, noise, residual);
     // Their modes have another distribution.
     const bool in_modes = !is_own && (present == measured_ || noise.is_independent());
     all_in_modes = all_in_modes && in_modes;
@@ -203,7 +215,11 @@ ResidualReport ResidualTests::examine(std::span<const ExaminedDatum> data, const
   const auto values = static_cast<double>(report.values);
   if (report.values == 0) return report;
   report.set(ResidualTest::total, numerics::chi_squared_upper(report.misfit, values));
-  if (noise_.has_step_errors()) return report;  // R is not all the noise there is
+  if (noise_.has_step_errors()) {
+    // Single values are those of R and of an error that all share, which is not told from noise.
+    if (!links_steps(noise_)) steps.tell(report, ResidualTest::step);
+    return report;
+  }
   if (links_steps(noise_)) {
     // What is given here is one step's noise: of many steps only single values are what they seem.
     test_extremes(report);
@@ -214,7 +230,7 @@ ResidualReport ResidualTests::examine(std::span<const ExaminedDatum> data, const
   if (degrees >= 1 && !own)
     report.set(ResidualTest::too_small, 1 - numerics::chi_squared_upper(report.misfit, degrees));
   test_extremes(report);
-  if (noise_.is_independent()) test_independent(report, parameters);
+  if (noise_.measurement().is_independent()) test_independent(report, parameters);
   if (all_in_modes) test_modes(residuals, report);
   return report;
 }
@@ -224,9 +240,9 @@ Eigen::VectorXd ResidualTests::weighted_present(const Eigen::VectorXd& values,
                                                 const Eigen::VectorXd& residual) {
   std::vector<Index> kept;
   for (Index i = 0; i < values.size(); ++i)
-    if (!std::isnan(values[i]) && noise_.is_measured(i)) kept.push_back(i);
+    if (!std::isnan(values[i]) && noise_.measurement().is_measured(i)) kept.push_back(i);
   if (!present_noise_ || kept != present_) {
-    present_noise_ = noise_.GaussianNoise::restricted(kept);
+    present_noise_ = noise_.measurement().restricted(kept);
     present_ = kept;
   }
   Eigen::VectorXd weighted = Eigen::VectorXd::Zero(values.size());

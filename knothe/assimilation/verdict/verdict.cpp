@@ -6,6 +6,13 @@
 
 namespace knothe::assimilation {
 
+const VerdictReason* Verdict::misfit() const {
+  const auto found = std::find_if(reasons.begin(), reasons.end(), [](const VerdictReason& reason) {
+    return reason.part == VerdictPart::fit && !reason.is_about_noise;
+  });
+  return found == reasons.end() ? nullptr : &*found;
+}
+
 void Verdict::add(VerdictReason reason) {
   level = std::max(level, reason.level);
   reasons.push_back(std::move(reason));

@@ -63,6 +63,15 @@ struct VerdictReason {
   double value = 0, limit = 0;       ///< what was found, and from where on it is a reason
   std::string message;               ///< what it is, and what to do
   std::optional<MisfitCause> cause;  ///< of a misfit
+  bool is_about_noise =
+      false;  ///< a misfit that says the noise is not as stated, not that the model is wrong
+};
+
+/// χ² of data under the whole likelihood: the noise of each datum, and all that is marginalised.
+struct Misfit {
+  double statistic = 0;
+  Eigen::Index values = 0;
+  double probability = 1;  ///< of as much or more, if the model is right
 };
 
 struct Verdict {
@@ -73,9 +82,13 @@ struct Verdict {
   Eigen::VectorXd model_shift_std;
   double fit_probability = 1;  ///< of a misfit as large as that of all data so far, if the model is right
   Eigen::VectorXd edge_mass;   ///< d: posterior mass in the outer 2 % of the model's box, at either side
+  Misfit latest;               ///< of the last step's data at the posterior mean, given all data before them
 
   /// Adds a reason; the level is that of the gravest.
   void add(VerdictReason reason);
+  /// The reason that says the data do not fit the model; null where they do, or where only the noise is not
+  /// as stated.
+  [[nodiscard]] const VerdictReason* misfit() const;
 };
 
 /// The verdict of a run: the worst of the last tenth of its steps, with every reason that still stood there

@@ -88,7 +88,7 @@ struct Bench {
       sensors.add(at, static_cast<std::int64_t>(i % 2));
     }
     priors = {Prior::normal(1, 0.3).truncated(0.5, 1.5, "a"), Prior::normal(1, 0.3).truncated(0.5, 1.5, "b")};
-    data = test::synthetic_data(*model, truth, noise.standard_deviations(), seed);
+    data = test::synthetic_data(*model, truth, noise.measurement().standard_deviations(), seed);
     for (std::size_t t = 0; t < k_times; ++t) times.push_back(t);
   }
 
@@ -105,7 +105,13 @@ struct Bench {
       examined.push_back({step, times[step], &columns.back(), nullptr});
     }
     Assessor assessor(model, noise, priors, sensors, robust, std::move(errors), {});
-    return assessor.assess({update.result(), update.functions(), &update.sums(), false, {}}, examined);
+    return assessor.assess({update.result(),
+                            update.functions(),
+                            &update.sums(),
+                            update.form_of(update.result().step),
+                            false,
+                            {}},
+                           examined);
   }
 
   [[nodiscard]] std::optional<MisfitCause> cause() const {
@@ -261,7 +267,8 @@ TEST(Verdict, ShiftByTheModelsErrorIsThatOfTheConjugateFormula) {
                                 .cwiseSqrt()
                                 .cwiseQuotient(covariance.diagonal().cwiseSqrt());
   Assessor assessor(made, noise, priors, {}, {}, errors, {});
-  const AssessedPosterior posterior{update.result(), update.functions(), &update.sums(), false, {}};
+  const AssessedPosterior posterior{
+      update.result(), update.functions(), &update.sums(), update.form_of(update.result().step), false, {}};
   const VectorXd found = assessor.assess(posterior, examined).model_shift_std;
   // By the 256 points that stand for the posterior.
   for (Index a = 0; a < d; ++a) EXPECT_NEAR(found[a], expected[a], 0.1 * expected.maxCoeff()) << a;

@@ -8,6 +8,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/index.hpp"
 #include "knothe/base/threads.hpp"
+#include "knothe/numerics/linear/symmetric_eigen.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
 #include "knothe/reduction/compress/quantity_scales.hpp"
 #include "knothe/reduction/grid/grid_solutions.hpp"
@@ -233,32 +234,6 @@ TruncationError truncation_error(const ModelContents& contents, const GridSoluti
   return result;
 }
 
-std::vector<MatrixXd> observe_truncation(const TruncationError& error, const ModelContents& model,
-                                         const std::string& where, const Dofs& places,
-                                         std::span<const std::size_t> steps) {
-  if (error.count == 0)
-    throw DataError(
-        fmt::format("{}: the model's file has no /truncation: make the model again with this version of "
-                    "`knothe offline` or `knothe model import`, or leave method.truncation_error off",
-                    where));
-  const Index k = error.count;
-  const ObservationOperator operation(model.dofs, model.mesh, where, places);
-  const MatrixXd observed =
-      operation.apply(Eigen::Map<const MatrixXd>(error.space.data(), model.dof_count(), k));
-  const double distance = steps.size() < 2
-                              ? error.persistence
-                              : static_cast<double>(steps.back() - steps.front()) / (steps.size() - 1);
-  const double factor = std::max(1.0, error.persistence / distance);
-  std::vector<MatrixXd> result;
-  for (const std::size_t step : steps) {
-    const Eigen::Map<const MatrixXd> second(&error.covariance[step * error.count * error.count], k, k);
-    MatrixXd covariance = observed * second * observed.transpose();
-    covariance.diagonal().array() += error.variance[step];
-    result.push_back((0.5 * factor) * (covariance + covariance.transpose()));
-  }
-  return result;
-}
-
 namespace {
 
 /// V at the sensors, a row for each; zero for those of which no error is known.
@@ -304,7 +279,89 @@ std::vector<SeenOutput> seen_outputs(const TruncationError& error, const Sensors
   return seen;
 }
 
+/// A time of the data between two of the model's.
+struct BetweenSteps {
+  Index left, right;
+  double share;  ///< of the right one
+
+  BetweenSteps(const std::vector<double>& steps, double time) {
+    const Index last = std::ssize(steps) - 1;
+    right = std::clamp<Index>(std::lower_bound(steps.begin(), steps.end(), time) - steps.begin(), 0, last);
+    left = std::max<Index>(0, right - 1);
+    const double width = steps[right] - steps[left];
+    share = width > 0 ? std::clamp((time - steps[left]) / width, 0.0, 1.0) : 1.0;
+  }
+  [[nodiscard]] double position() const { return static_cast<double>(left) + share; }
+};
+
+/// A root of the positive semidefinite S: S = root rootᵀ.
+MatrixXd root_of(const MatrixXd& s) {
+  const numerics::SymmetricEigen eigen(s);
+  return eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
+}
+
+/// Per observation, of a unit variance of each dof: 1 of a displacement or quantity, Σ c² of a combination of
+/// displacements, none of an output.
+Eigen::VectorXd observed_unit_variance(const ModelContents& model, const Sensors& sensors,
+                                       std::span<const ScalarObservation> scalars) {
+  Eigen::VectorXd unit = Eigen::VectorXd::Zero(std::ssize(sensors.components) + std::ssize(sensors.scalars));
+  unit.head(std::ssize(sensors.components)).setOnes();
+  for (Index k = 0; k < std::ssize(sensors.scalars); ++k) {
+    double& here = unit[std::ssize(sensors.components) + k];
+    for (const Quantity& quantity : model.quantities) here += quantity.name == sensors.scalars[k];
+    for (const ScalarObservation& scalar : scalars)
+      if (scalar.name == sensors.scalars[k])
+        for (const double c : scalar.coefficients) here += c * c;
+  }
+  return unit;
+}
+
 }  // namespace
+
+ObservedTruncation observe_truncation(const TruncationError& error, const ModelContents& model,
+                                      const std::string& where, const Sensors& sensors,
+                                      std::span<const ScalarObservation> scalars,
+                                      std::span<const double> times) {
+  if (error.count == 0)
+    throw DataError(
+        fmt::format("{}: the model's file has no /truncation: make the model again with this version of "
+                    "`knothe offline` or `knothe model import`, or leave method.truncation_error off",
+                    where));
+  const auto q = static_cast<Index>(error.count), m = static_cast<Index>(error.off_grid_count());
+  const Index n_t = std::ssize(error.variance);
+  const MatrixXd observed = observed_space(error, model, where, sensors, scalars);
+  const Eigen::VectorXd unit = observed_unit_variance(model, sensors, scalars);
+  const std::vector<SeenOutput> outputs =
+      m > 0 ? seen_outputs(error, sensors, scalars) : std::vector<SeenOutput>();
+  const auto moments = [&](Index t) {
+    return Eigen::Map<const MatrixXd>(&error.covariance[t * q * q], q, q);
+  };
+  std::vector<BetweenSteps> places;
+  for (const double time : times) places.emplace_back(model.time, time);
+  const double distance = places.size() < 2 ? error.persistence
+                                            : (places.back().position() - places.front().position()) /
+                                                  static_cast<double>(places.size() - 1);
+  const double factor = std::max(1.0, error.persistence / distance);
+  ObservedTruncation result;
+  result.left_out.resize(observed.rows(), std::ssize(places));
+  for (Index i = 0; i < std::ssize(places); ++i) {
+    const auto& [left, right, share] = places[i];
+    const auto between = [&](double before, double after) { return (1 - share) * before + share * after; };
+    MatrixXd of_step = MatrixXd::Zero(observed.rows(), q + std::ssize(outputs));
+    of_step.leftCols(q) = observed * root_of((1 - share) * moments(left) + share * moments(right));
+    for (Index k = 0; k < std::ssize(outputs); ++k) {
+      double sum = 0;
+      for (Index j = 0; j < m; ++j) {
+        const std::vector<double>& e = *outputs[k].errors;
+        sum += between(std::pow(e[j * n_t + left], 2), std::pow(e[j * n_t + right], 2));
+      }
+      of_step(outputs[k].row, q + k) = std::sqrt(sum / static_cast<double>(m));
+    }
+    result.factors.push_back(std::sqrt(factor) * of_step);
+    result.left_out.col(i) = factor * between(error.variance[left], error.variance[right]) * unit;
+  }
+  return result;
+}
 
 ObservedErrors observe_off_grid(const TruncationError& error, const ModelContents& model,
                                 const std::string& where, const Sensors& sensors,
@@ -332,11 +389,7 @@ ObservedErrors observe_off_grid(const TruncationError& error, const ModelContent
     return coefficients;
   };
   for (const double time : times) {
-    const auto above = std::lower_bound(model.time.begin(), model.time.end(), time) - model.time.begin();
-    const Index right = std::clamp<Index>(above, 0, n_t - 1), left = std::max<Index>(0, right - 1);
-    const double first = model.time[left];
-    const double last = model.time[right];
-    const double share = last > first ? std::clamp((time - first) / (last - first), 0.0, 1.0) : 1.0;
+    const auto [left, right, share] = BetweenSteps(model.time, time);
     known.coefficients.push_back((1 - share) * at(left) + share * at(right));
   }
   if (error.off_grid_points.empty()) return known;

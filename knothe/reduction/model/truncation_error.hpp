@@ -58,12 +58,20 @@ void write_model(const ModelContents& contents, const TruncationError& error, co
 /// What `write_model` wrote; `count` 0 if the file has none (made by another program, or by an older knothe).
 [[nodiscard]] TruncationError read_truncation_error(const std::string& path);
 
-/// What to add to the noise of each of the data's `steps`, taken as independent of each other: Σ_t at the
-/// observations (as in `observe`) times max(1, τ / mean distance of the steps); n_obs × n_obs each, m².
-[[nodiscard]] std::vector<Eigen::MatrixXd> observe_truncation(const TruncationError& error,
-                                                              const ModelContents& model,
-                                                              const std::string& where, const Dofs& places,
-                                                              std::span<const std::size_t> steps);
+/// The model's own error at the sensors and at the times of the data, taken as independent from one to the
+/// next: N(0, F_t F_tᵀ + diag(left_out_t)), in the units of the observations.
+struct ObservedTruncation {
+  std::vector<Eigen::MatrixXd> factors;  ///< F_t, n × q, per time
+  Eigen::MatrixXd left_out;              ///< n × times: variances of what the space modes leave out
+};
+
+/// Σ_t at the sensors (as in `observe_off_grid`; outputs by the mean square of their errors off the grid)
+/// times max(1, τ / mean distance of the times in steps); between two times of the model linear. DataError
+/// where the file has no truncation error.
+[[nodiscard]] ObservedTruncation observe_truncation(const TruncationError& error, const ModelContents& model,
+                                                    const std::string& where, const Sensors& sensors,
+                                                    std::span<const ScalarObservation> scalars,
+                                                    std::span<const double> times);
 
 /// Errors u − û of the model at observations that are known exactly, of k full-order solutions at parameters
 /// that it was not made from: e_j(t) = space · coefficients[t].col(j).

@@ -280,15 +280,8 @@ Json observations(const Site& site, const std::string& step) {
                                       ? "switched off"
                                       : "not measured";
   }
-  return {{"step", line->step},
-          {"time", line->time},
-          {"status", status},
-          {"reason", reason},
-          {"scalars", scalars},
-          {"misfit",
-           {{"statistic", line->misfit},
-            {"values", line->misfit_values},
-            {"probability", line->misfit_probability}}}};
+  return {{"step", line->step}, {"time", line->time}, {"status", status},
+          {"reason", reason},   {"scalars", scalars}, {"misfit", misfit_record(line->misfit)}};
 }
 
 Json tests_of(const ServedSite& served) {

@@ -64,7 +64,7 @@ JournalWriter::JournalWriter(const project::Project& project, const project::Upd
                              Metrics& metrics, Listener listener)
     : options_(project.serve),
       setup_(setup),
-      sensor_std_(setup.measurements.noise.standard_deviations()),
+      sensor_std_(setup.measurements.noise.measurement().standard_deviations()),
       limits_(project::serve_limits(project, setup)),
       metrics_(metrics),
       listener_(std::move(listener)),

@@ -10,15 +10,6 @@ namespace {
 
 constexpr Eigen::Index k_samples = 400;
 
-/// P(χ²_n > x), by the cube root of Wilson and Hilferty (1931): within 0.005 of the exact value for n ≥ 3,
-/// and an alarm needs no more.
-double chi_squared_tail(double x, double n) {
-  if (n <= 0) return 1;
-  const double variance = 2 / (9 * n);
-  const double z = (std::cbrt(x / n) - (1 - variance)) / std::sqrt(variance);
-  return 0.5 * std::erfc(z / std::sqrt(2.0));
-}
-
 /// Draws in the middle of equal shares of the weight: the same every time.
 Eigen::MatrixXd systematic_draws(const assimilation::Posterior& posterior) {
   const Eigen::Index n = std::min(k_samples, posterior.points.rows());
@@ -55,6 +46,9 @@ std::shared_ptr<Line> make_line(const engine::StepResult& step, std::shared_ptr<
   line->remark = result.remark;
   line->verdict = result.verdict.level;
   line->verdict_message = message_of(result.verdict);
+  line->misfit = result.verdict.latest;
+  if (const assimilation::VerdictReason* misfit = result.verdict.misfit())
+    line->misfit_message = misfit->message;
   line->model_doubted = project::doubts_model(result.verdict);
   line->monitor_alarm = result.monitor.alarm;
   line->bias_corrected = result.bias_corrected;
@@ -62,22 +56,10 @@ std::shared_ptr<Line> make_line(const engine::StepResult& step, std::shared_ptr<
   line->stuck = step.stuck, line->absent = step.absent;
   line->bias_functions = step.bias_functions, line->bias_sensors = step.bias_sensors;
   line->residual = values - setup.observed->predict(result.mean, result.step);
-  const assimilation::NoiseModel& noise = setup.measurements.noise;
-  const bool independent = noise.is_independent();
-  const Eigen::VectorXd sensor_std = independent ? noise.standard_deviations() : Eigen::VectorXd();
   for (Eigen::Index i = 0; i < line->residual.size(); ++i) {
-    const bool missing = std::isnan(line->residual[i]);
-    line->missing.push_back(missing);
-    if (missing) line->residual[i] = 0;
-    line->misfit_values += missing ? 0 : 1;
-    if (independent) line->misfit += std::pow(line->residual[i] / sensor_std[i], 2);
+    line->missing.push_back(std::isnan(line->residual[i]));
+    if (line->missing.back()) line->residual[i] = 0;
   }
-  if (!independent) {
-    // Correlated errors: rᵀ R⁻¹ r, of complete data only.
-    if (line->misfit_values < line->residual.size()) line->misfit_values = 0;
-    line->misfit = line->misfit_values == 0 ? 0 : line->residual.dot(noise.apply(line->residual).col(0));
-  }
-  line->misfit_probability = chi_squared_tail(line->misfit, static_cast<double>(line->misfit_values));
   for (const forecast::NamedForecast& named : step.forecasts)
     line->above_threshold[named.name] = named.forecast.probability_above_threshold;
   line->model = std::move(model);

@@ -16,19 +16,19 @@ struct Line {
   std::int64_t event = 0;  ///< id, increasing for ever
   std::size_t step = 0;
   double time = 0;
-  bool withdrawn = false;                     ///< no line: its step no longer has a datum
-  std::string json;                           ///< the line of a step (docs/reference/formats.md)
-  Eigen::VectorXd mean, std;                  ///< d
-  Eigen::MatrixXd samples;                    ///< at most 400 × d, equally weighted
-  std::vector<bool> missing;                  ///< per sensor, of the last datum of the step
-  Eigen::VectorXd residual;                   ///< measured − predicted at the mean; 0 where missing
-  double misfit = 0, misfit_probability = 1;  ///< χ² of the residual and P(more)
-  Eigen::Index misfit_values = 0;
+  bool withdrawn = false;                         ///< no line: its step no longer has a datum
+  std::string json;                               ///< the line of a step (docs/reference/formats.md)
+  Eigen::VectorXd mean, std;                      ///< d
+  Eigen::MatrixXd samples;                        ///< at most 400 × d, equally weighted
+  std::vector<bool> missing;                      ///< per sensor, of the last datum of the step
+  Eigen::VectorXd residual;                       ///< measured − predicted at the mean; 0 where missing
   std::map<std::string, double> above_threshold;  ///< P(q > threshold) by forecast
   bool trusted = true;
   std::string remark;
   assimilation::VerdictLevel verdict = assimilation::VerdictLevel::ok;
   std::string verdict_message;  ///< the first reason of that level; empty for `ok`
+  assimilation::Misfit misfit;  ///< of the step's data, given those before
+  std::string misfit_message;   ///< the verdict's: the data do not fit the model; empty where they do
   bool monitor_alarm = false, bias_corrected = false;
   std::vector<Eigen::Index> stuck, absent;  ///< sensors that have stopped
   std::string notice;                       ///< what the monitor found or did at this step
@@ -38,9 +38,13 @@ struct Line {
   bool model_doubted = false;                ///< the verdict doubts the reduced model
   std::shared_ptr<const ServedModel> model;  ///< that it was made with
 
-  /// Whether the last datum does not fit the model, and nothing corrects for it.
-  [[nodiscard]] bool is_biased() const { return !bias_corrected && misfit_probability < 1e-4; }
+  /// Whether the verdict says that the data do not fit the model, and nothing corrects for it.
+  [[nodiscard]] bool is_biased() const { return !bias_corrected && !misfit_message.empty(); }
 };
+
+[[nodiscard]] inline Json misfit_record(const assimilation::Misfit& misfit) {
+  return {{"statistic", misfit.statistic}, {"values", misfit.values}, {"probability", misfit.probability}};
+}
 
 /// The line of a result, without event and JSON; `values` are those of the step's last datum (NaN: missing).
 [[nodiscard]] std::shared_ptr<Line> make_line(const engine::StepResult& step,

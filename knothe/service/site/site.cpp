@@ -602,8 +602,7 @@ Json Site::status() const {
     status["time"] = line.time;
     status["structure"] = to_text(line.verdict);
     if (const auto off = logbook_.off_at(line.step); !off.empty()) status["switched_off"] = off;
-    status["misfit"] = {
-        {"statistic", line.misfit}, {"values", line.misfit_values}, {"probability", line.misfit_probability}};
+    status["misfit"] = misfit_record(line.misfit);
   }
   if (const auto age = health_.data_age_s()) status["data_age_s"] = *age;
   if (const auto period = health_.period_s()) status["period_s"] = *period;

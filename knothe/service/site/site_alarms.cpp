@@ -83,9 +83,7 @@ void SiteAlarms::update_conditions(const Line& line) {
            "threshold",
            fmt::format("P({} > {:g}) is {:.3g}", specification.name, *specification.threshold, p));
   }
-  update("bias", line.is_biased() ? "alarm" : "", "bias",
-         fmt::format("the datum does not fit the model: χ² {:.4g} with {} values", line.misfit,
-                     line.misfit_values));
+  update("bias", line.is_biased() ? "alarm" : "", "bias", line.misfit_message);
   update("monitor", line.monitor_alarm ? "alarm" : "", "bias",
          line.notice.empty() ? "the model does not explain the data" : line.notice);
   update("correction", line.bias_corrected ? "info" : "", "bias",

@@ -15,9 +15,9 @@ std::string sensors_hash(const project::UpdateSetup& setup) {
   for (const std::int64_t c : setup.measurements.sensors.components) sum.add_number(c);
   for (const std::string& name : setup.measurements.sensors.scalars) sum.add_text(name);
   const auto& noise = setup.measurements.noise;
-  const Eigen::VectorXd std = noise.standard_deviations();
+  const Eigen::VectorXd std = noise.measurement().standard_deviations();
   for (const double s : std) sum.add_number(s);
-  sum.add_number(noise.log_determinant());
+  sum.add_number(noise.measurement().log_determinant());
   return to_hex(sum.finish());
 }
 

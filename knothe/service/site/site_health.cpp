@@ -103,12 +103,7 @@ SiteHealth::State SiteHealth::state(const Facts& facts) const {
             line.bias_corrected
                 ? "the model, corrected for its bias, has not explained the last data"
                 : "the model has not explained the last data: they drift away from what it predicts"};
-  if (line.is_biased())
-    return {
-        "BIASED",
-        fmt::format(
-            "the last datum does not fit the model: its χ² at the posterior mean is {:.4g} with {} values",
-            line.misfit, line.misfit_values)};
+  if (line.is_biased()) return {"BIASED", line.misfit_message};
   return {"OK", ""};
 }
 

@@ -47,7 +47,7 @@ TEST(SiteHealth, TheFirstStateThatHoldsIsTold) {
   EXPECT_FALSE(health.update_state(health.state({})));  // "no measurement yet" from the start
   health.accept(monotonic_now());
   const auto line = std::make_shared<Line>();
-  line->misfit_probability = 1e-5;
+  line->misfit_message = "the data of step 3 do not fit the model";
   EXPECT_EQ(health.state({line, "", false, false}).word, "BIASED");
   EXPECT_EQ(health.state({line, "", true, false}).reason, "the journal is being replayed");
   EXPECT_EQ(health.state({line, "", false, true, "the disk is full"}).reason,

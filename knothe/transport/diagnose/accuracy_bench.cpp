@@ -39,7 +39,7 @@ void print_row(const std::string& name, sampling::LogDensity& target, const Refe
                                                    ? fmt::format(" (± {:.1e})", reference.log_evidence_error)
                                                    : ""),
       a.result.density_evaluations + a.correction.density_evaluations, a.seconds,
-      a.correction.trusted ? "yes" : "no");
+      a.correction.trust.trusted ? "yes" : "no");
 }
 
 /// The same by `nested_laplace`, without a map.

@@ -53,7 +53,7 @@ TEST(Accuracy, LinearGaussianIsTheConjugateFormulaAtOrderOne) {
     auto target = linear_gaussian(d);
     const Accuracy accuracy = measure(target, reference_of(target));
     EXPECT_EQ(accuracy.result.order, 1) << d;
-    EXPECT_TRUE(accuracy.correction.trusted) << d;
+    EXPECT_TRUE(accuracy.correction.trust.trusted) << d;
     EXPECT_LT(accuracy.result.verified_diagnostic, 1e-12) << d;
     EXPECT_LT(accuracy.mean, 1e-8) << d;
     EXPECT_LT(accuracy.standard_deviation, 1e-8) << d;
@@ -89,7 +89,7 @@ TEST(Accuracy, LogisticRegressionAgreesWithLongChains) {
   add_evidence(target, 8, reference);
   const Accuracy accuracy = measure(target, reference, logistic_regression_options());
   expect_agreement(accuracy, reference);
-  EXPECT_TRUE(accuracy.correction.trusted) << accuracy.correction.trust_reason;
+  EXPECT_TRUE(accuracy.correction.trust.trusted) << accuracy.correction.trust.reason;
   EXPECT_LT(accuracy.log_evidence, 0.005 + 4 * reference.log_evidence_error);
 }
 
@@ -110,7 +110,7 @@ TEST(Accuracy, StochasticVolatilityAgreesWithLongChainsAndIsNotCalledTrusted) {
   EXPECT_EQ(accuracy.result.order, 2);
   EXPECT_LT(accuracy.result.verified_diagnostic, 0.25);  // 0.5 for the best affine map
   EXPECT_FALSE(accuracy.result.tolerance_reached);
-  EXPECT_FALSE(accuracy.correction.trusted);
+  EXPECT_FALSE(accuracy.correction.trust.trusted);
   EXPECT_LT(accuracy.mean, 0.05);
   EXPECT_LT(accuracy.standard_deviation, 0.05);
 }

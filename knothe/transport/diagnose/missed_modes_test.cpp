@@ -61,13 +61,13 @@ TEST(MissedModes, RandomMixturesAreFoundOut) {
     const ImportanceCorrection answer = solver.correct(target, result);
     not_found += !result.second_mode_found;
     effort.add(target.dimension(), result.density_evaluations);
-    if (answer.trusted) {
+    if (answer.trust.trusted) {
       ++trusted;
       std::printf("mixture %d, d = %d: trusted\n", i, static_cast<int>(target.dimension()));
     }
     if (!result.second_mode_found) continue;
     EXPECT_FALSE(result.missed.reason.empty());
-    EXPECT_FALSE(answer.trusted);
+    EXPECT_FALSE(answer.trust.trusted);
     EXPECT_TRUE(result.second_mode.allFinite());
   }
   effort.print();
@@ -180,7 +180,7 @@ TEST(MissedModes, MixturesInsideThePriorAreFoundOut) {
     auto target = mixture_inside_the_prior(random);
     const MapResult result = solver.solve(target);
     effort.add(target.dimension(), result.density_evaluations);
-    if (!solver.correct(target, result).trusted) continue;
+    if (!solver.correct(target, result).trust.trusted) continue;
     ++trusted;
     std::printf("mixture %d, d = %d: trusted\n", i, static_cast<int>(target.dimension()));
   }
@@ -230,11 +230,11 @@ TEST(MissedModes, ANarrowModeFarOffIsFoundByItsEvidence) {
     EXPECT_LT(result.verified_diagnostic, 1e-6);  // nothing wrong to be seen on the image of the map
     const ImportanceCorrection answer = solver.correct(target, result);
     EXPECT_GT(answer.ess, 0.999);
-    found += !answer.trusted;
-    if (answer.trusted) continue;
-    EXPECT_NE(answer.trust_reason.find("a second mode with about 5 % of the mass was found at z = ("),
+    found += !answer.trust.trusted;
+    if (answer.trust.trusted) continue;
+    EXPECT_NE(answer.trust.reason.find("a second mode with about 5 % of the mass was found at z = ("),
               std::string::npos)
-        << answer.trust_reason;
+        << answer.trust.reason;
     EXPECT_LT((result.second_mode - target.components[1].mean).norm(), 0.01);
   }
   EXPECT_GE(found, 9);
@@ -266,7 +266,7 @@ TEST(MissedModes, TheTemperedEvidenceAgreesWithTheMapWhereNothingIsMissed) {
   EXPECT_TRUE(result.missed.tempered_conclusive);
   EXPECT_NEAR(result.missed.map_log_evidence, 2.5, 1e-9);
   EXPECT_NEAR(result.missed.tempered_log_evidence, 2.5, 4 * result.missed.tempered_log_evidence_error + 0.1);
-  EXPECT_TRUE(solver.correct(target, result).trusted);
+  EXPECT_TRUE(solver.correct(target, result).trust.trusted);
   const MapResult again = solver.solve(target);
   EXPECT_EQ(again.missed.tempered_log_evidence, result.missed.tempered_log_evidence);
 }

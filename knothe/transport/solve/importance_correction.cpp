@@ -1,7 +1,6 @@
 #include <cmath>
 
 #include "knothe/base/index.hpp"
-#include "knothe/transport/diagnose/trust.hpp"
 #include "knothe/transport/solve/map_solver_workspace.hpp"
 
 namespace knothe::transport {
@@ -61,10 +60,8 @@ void MapSolver::correct(sampling::LogDensity& user_target, const MapResult& resu
   numerics::weighted_quantiles(c.points, c.weights, work.quantiles, c.quantiles);
   c.map_log_evidence = result.map_log_evidence();
   c.density_evaluations = target.evaluations();
-  const Trust trust =
-      assess_trust({result.verified_diagnostic, c.ess, result.second_mode_found, result.missed.reason});
-  c.trusted = trust.trusted;
-  c.trust_reason = trust.reason;
+  c.trust = sampling::trust_of(sampling::MapFigures{result.verified_diagnostic, c.ess,
+                                                    result.second_mode_found, result.missed.reason});
 }
 
 }  // namespace knothe::transport

@@ -56,7 +56,8 @@ TEST(ImportanceCorrection, AgreesWithDenseQuadratureOnHardTargets) {
     const double correlation =
         corrected.covariance(0, 1) / std::sqrt(corrected.covariance(0, 0) * corrected.covariance(1, 1));
     EXPECT_NEAR(correlation, reference.correlation, 0.02) << c.name;
-    EXPECT_TRUE(corrected.trusted) << c.name << " " << corrected.ess << " " << result.verified_diagnostic;
+    EXPECT_TRUE(corrected.trust.trusted)
+        << c.name << " " << corrected.ess << " " << result.verified_diagnostic;
     EXPECT_FALSE(result.second_mode_found) << c.name;
     // The map's own evidence is a lower bound, up to the error of the points.
     EXPECT_LT(corrected.map_log_evidence, reference.log_evidence + 0.01) << c.name;
@@ -74,7 +75,7 @@ TEST(ImportanceCorrection, TakesMorePointsWhereWeightsAreUneven) {
   EXPECT_GT(corrected.density_evaluations, 0);
   EXPECT_FALSE(result.tolerance_reached);
   EXPECT_NE(result.reason.find("max_order is 1"), std::string::npos);
-  EXPECT_FALSE(corrected.trusted);
+  EXPECT_FALSE(corrected.trust.trusted);
   EXPECT_NEAR(corrected.weights.sum(), 1, 1e-12);
   EXPECT_NEAR(corrected.log_evidence, 0, 0.1);
   EXPECT_LT(corrected.map_log_evidence, -0.02);

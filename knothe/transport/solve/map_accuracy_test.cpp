@@ -111,7 +111,7 @@ TEST(HardTargets, OxygenDemandFromAColdStartWithEveryRule) {
     EXPECT_NEAR(result.map_log_evidence(), exact.log_evidence, 0.005);
     const auto corrected = solver.correct(target, result);
     EXPECT_NEAR(corrected.log_evidence, exact.log_evidence, 0.005);
-    EXPECT_TRUE(corrected.trusted);
+    EXPECT_TRUE(corrected.trust.trusted);
     expect_corrected_moments(corrected, exact, 0.02);
   }
 }
@@ -176,7 +176,7 @@ TEST(HardTargets, TheFunnelSaysWhatItCannotDo) {
       EXPECT_GT(s, 1);
       EXPECT_NE(result.reason.find("above the tolerance"), std::string::npos);
     }
-    if (corrected.trusted) {
+    if (corrected.trust.trusted) {
       EXPECT_NEAR(corrected.log_evidence, 0, 0.05);
     }
   }

@@ -9,6 +9,7 @@
 
 #include "knothe/base/index.hpp"
 #include "knothe/sampling/log_density.hpp"
+#include "knothe/sampling/trust.hpp"
 #include "knothe/transport/diagnose/missed_modes.hpp"
 #include "knothe/transport/map/composed_map.hpp"
 
@@ -117,8 +118,7 @@ struct ImportanceCorrection {
   double log_evidence_error =
       0;  ///< its standard error, as if the points were independent (an upper bound in practice)
   double map_log_evidence = 0;  ///< Eq. 24
-  bool trusted = false;         ///< verified diagnostic ≤ 0.05, ess ≥ 0.9, no second mode (trust.hpp)
-  std::string trust_reason;     ///< why it is not trusted; empty if it is
+  sampling::Trust trust;
   std::int64_t density_evaluations = 0;  ///< further ones, beyond those of the solve
 };
 

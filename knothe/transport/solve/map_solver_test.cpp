@@ -46,7 +46,7 @@ TEST(MapSolver, LinearGaussianIsExactAtOrderOne) {
     const auto corrected = solver.correct(target, result);
     EXPECT_NEAR(corrected.log_evidence, -3.25, 1e-10);
     EXPECT_NEAR(corrected.ess, 1, 1e-10);
-    EXPECT_TRUE(corrected.trusted);
+    EXPECT_TRUE(corrected.trust.trusted);
   }
 }
 
@@ -114,7 +114,7 @@ TEST(MapSolver, ValuesAloneAreDifferencedInTheUnitsOfTheMode) {
   EXPECT_EQ(result.density_evaluations, target.count);
   EXPECT_LT(target.count, 200'000);  // by the simplex method 30 millions
   const ImportanceCorrection corrected = solver.correct(target, result);
-  EXPECT_TRUE(corrected.trusted) << corrected.trust_reason;
+  EXPECT_TRUE(corrected.trust.trusted) << corrected.trust.reason;
   EXPECT_NEAR(corrected.log_evidence, std::log(2 * std::numbers::pi * 1e7 * 0.4e-5), 2e-3);
   EXPECT_NEAR(corrected.mean[0], 5e9, 1e5);
   EXPECT_NEAR(corrected.mean[1], 0, 1e-7);
@@ -142,7 +142,7 @@ TEST(MapSolver, ASpuriousMinimumIsNotReported) {
   } else {
     EXPECT_NE(result.reason.find("variance diagnostic"), std::string::npos);
   }
-  if (corrected.trusted) {
+  if (corrected.trust.trusted) {
     EXPECT_NEAR(corrected.log_evidence, std::log(2 * std::numbers::pi / 4), 0.02);  // √(2π) √(2π/16)
   }
   EXPECT_EQ(result.verification.points.rows(), 1024);
@@ -154,7 +154,7 @@ TEST(MapSolver, ASecondModeIsFlagged) {
     Planar target(sampling::targets::mixture(a));
     const MapResult result = solver.solve(target);
     EXPECT_TRUE(result.second_mode_found) << a;
-    EXPECT_FALSE(solver.correct(target, result).trusted);
+    EXPECT_FALSE(solver.correct(target, result).trust.trusted);
     EXPECT_NEAR(std::abs(result.second_mode[0]), a, 0.1);
   }
   Planar uneven(sampling::targets::mixture(4, 0.02));

@@ -10,7 +10,7 @@
 
 #include "knothe/numerics/integrate/sobol.hpp"
 #include "knothe/sampling/testing/test_mixtures.hpp"
-#include "knothe/transport/diagnose/trust.hpp"
+#include "knothe/sampling/trust.hpp"
 #include "knothe/transport/solve/map_solver.hpp"
 
 namespace knothe::transport {
@@ -218,15 +218,15 @@ TEST_P(RandomTargets, NoPromiseThatFreshPointsDoNotConfirm) {
     ASSERT_TRUE(answer.mean.allFinite() && answer.covariance.allFinite() && answer.quantiles.allFinite())
         << name;
     ASSERT_TRUE(std::isfinite(answer.log_evidence) && std::isfinite(answer.log_evidence_error)) << name;
-    EXPECT_EQ(answer.trusted, answer.trust_reason.empty()) << name;
+    EXPECT_EQ(answer.trust.trusted, answer.trust.reason.empty()) << name;
     EXPECT_EQ(result.tolerance_reached, result.reason.empty()) << name;
-    trusted += answer.trusted, reached += result.tolerance_reached;
-    if (!answer.trusted && !result.tolerance_reached) continue;
+    trusted += answer.trust.trusted, reached += result.tolerance_reached;
+    if (!answer.trust.trusted && !result.tolerance_reached) continue;
     // Both diagnostics are averages over finitely many points: a promise counts as broken if it is beyond
     // four standard errors of their difference.
     const Diagnostic fresh = independent_diagnostic(*target, result), own(result.verification.log_weight);
     const double margin = 4 * std::hypot(fresh.error, own.error);
-    if (answer.trusted && fresh.value > k_trusted_diagnostic + margin) {
+    if (answer.trust.trusted && fresh.value > sampling::k_trusted_diagnostic + margin) {
       ++wrongly_trusted;
       ADD_FAILURE() << name << ": trusted with " << fresh.value << " ± " << fresh.error << ", verified "
                     << own.value << " ± " << own.error;

@@ -44,7 +44,7 @@ Calibration calibrate(int data_sets, Eigen::Index d, std::uint64_t seed, const M
     auto target = make(Eigen::VectorXd(truths.row(i)), static_cast<std::uint64_t>(i), seed);
     solver.solve(target, result);
     solver.correct(target, result, correction);
-    calibration.trusted += correction.trusted;
+    calibration.trusted += correction.trust.trusted;
     calibration.lowest_ess = std::min(calibration.lowest_ess, correction.ess);
     for (Eigen::Index k = 0; k < d; ++k) {
       const Eigen::VectorXd column = correction.points.col(k);

@@ -4,7 +4,7 @@
 
 #include "knothe/sampling/log_density.hpp"
 
-namespace knothe::inference {
+namespace knothe::sampling {
 
 struct BridgeEstimate {
   double log_evidence = 0;
@@ -15,9 +15,9 @@ struct BridgeEstimate {
 /// Gaussian with the moments of the first half of them; the second half makes the estimate. `effective_size`:
 /// of all draws. Evaluates the target at the second half and at `proposals` new points. Errors: UsageError
 /// for fewer than 100 draws or draws without spread.
-[[nodiscard]] BridgeEstimate bridge_sampling(sampling::LogDensity& target,
+[[nodiscard]] BridgeEstimate bridge_sampling(LogDensity& target,
                                              const Eigen::Ref<const Eigen::MatrixXd>& draws,
                                              double effective_size, Eigen::Index proposals,
                                              std::uint64_t seed);
 
-}  // namespace knothe::inference
+}  // namespace knothe::sampling

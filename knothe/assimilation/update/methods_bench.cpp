@@ -1,7 +1,7 @@
 /// @file Time to the same accuracy, method by method, side by side in one run: means within 0.05 std and stds
 /// within 5 % of dense quadrature at every step. Prints machine, threads, and a table.
 ///
-/// Usage: baseline_bench [observations] [steps]
+/// Usage: methods_bench [observations] [steps]
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -10,7 +10,7 @@
 #include <functional>
 
 #include "knothe/assimilation/testing/bench_models.hpp"
-#include "knothe/assimilation/update/baseline_update.hpp"
+#include "knothe/assimilation/update/sequential_update.hpp"
 
 namespace {
 
@@ -59,7 +59,10 @@ void print(const std::string& name, const Score& s) {
 void baseline(const Problem& problem, const std::string& name, Method kind,
               std::vector<Eigen::Index> samples) {
   for (const Eigen::Index n : samples) {
-    BaselineUpdate update(problem.model, problem.noise, problem.priors, {kind, n, 1});
+    UpdateOptions options;
+    options.kind = kind;
+    options.samples = n;
+    SequentialUpdate update(problem.model, problem.noise, problem.priors, options);
     const Score s = score(problem, [&](std::size_t t) -> const UpdateResult& {
       return update.update(t, t, problem.data.col(static_cast<Eigen::Index>(t)));
     });
@@ -102,7 +105,7 @@ int main(int argc, char** argv) {
              "std wrong");
   maps(problem, "collapsed map", UpdateOptions::Form::collapsed);
   maps(problem, "composed maps", UpdateOptions::Form::composed);
-  baseline(problem, "sequential Monte Carlo", Method::sequential_monte_carlo, {2500, 10000, 40000, 160000});
+  baseline(problem, "weighted draws", Method::sequential_monte_carlo, {10000, 40000});
   baseline(problem, "Markov chain", Method::markov_chain, {2500, 10000, 40000, 160000});
   baseline(problem, "extended Kalman filter", Method::extended_kalman, {1000});
   baseline(problem, "unscented Kalman filter", Method::unscented_kalman, {1000});

@@ -1,4 +1,4 @@
-#include "knothe/assimilation/update/baseline_update.hpp"
+#include "knothe/assimilation/update/sequential_update.hpp"
 
 #include <gtest/gtest.h>
 
@@ -16,7 +16,14 @@ using test::LinearFunctions;
 using test::random_model;
 using test::synthetic_data;
 
-TEST(BaselineUpdate, KalmanFiltersAreExactForALinearModel) {
+UpdateOptions by(Method kind, Eigen::Index samples) {
+  UpdateOptions options;
+  options.kind = kind;
+  options.samples = samples;
+  return options;
+}
+
+TEST(OtherMethods, KalmanFiltersAreExactForALinearModel) {
   // The textbook filter, in the space of the observations.
   const Eigen::Index d = 3, n = 7;
   const auto model = random_model(std::make_shared<LinearFunctions>(d), n, 4, 5, 11);
@@ -24,7 +31,7 @@ TEST(BaselineUpdate, KalmanFiltersAreExactForALinearModel) {
   const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector3d(0.3, -1.0, 2.0), std, 5);
   const std::vector<Prior> priors = {Prior::normal(0, 1), Prior::normal(-0.5, 2), Prior::normal(1, 0.7)};
   for (const Method kind : {Method::extended_kalman, Method::unscented_kalman, Method::ensemble_kalman}) {
-    BaselineUpdate filter(model, NoiseModel::independent(std), priors, {kind, 10000, 1});
+    SequentialUpdate filter(model, NoiseModel::independent(std), priors, by(kind, 10000));
     Eigen::VectorXd mean = Eigen::Vector3d(0, -0.5, 1);
     Eigen::MatrixXd covariance = Eigen::Vector3d(1, 4, 0.49).asDiagonal();
     double log_evidence = 0;
@@ -50,18 +57,16 @@ TEST(BaselineUpdate, KalmanFiltersAreExactForALinearModel) {
   }
 }
 
-TEST(BaselineUpdate, MonteCarloAgreesWithQuadrature) {
+TEST(OtherMethods, MonteCarloAgreesWithQuadrature) {
   const Eigen::Index n = 8;
   const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 3, 33);
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.6);
   const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
   const std::vector<Prior> priors = {Prior::normal(0.9, 0.45), Prior::normal(1.1, 0.45)};
-  UpdateOptions by_grid;
-  by_grid.kind = Method::grid;
-  SequentialUpdate grid(model, NoiseModel::independent(std), priors, by_grid);
-  BaselineUpdate particles(model, NoiseModel::independent(std), priors,
-                           {Method::sequential_monte_carlo, 20000, 1});
-  BaselineUpdate chain(model, NoiseModel::independent(std), priors, {Method::markov_chain, 8000, 1});
+  SequentialUpdate grid(model, NoiseModel::independent(std), priors, by(Method::grid, 0));
+  SequentialUpdate particles(model, NoiseModel::independent(std), priors,
+                             by(Method::sequential_monte_carlo, 10000));
+  SequentialUpdate chain(model, NoiseModel::independent(std), priors, by(Method::markov_chain, 8000));
   for (std::size_t t = 0; t < 3; ++t) {
     const auto column = data.col(static_cast<Eigen::Index>(t));
     const UpdateResult& exact = grid.update(t, t, column);
@@ -76,20 +81,42 @@ TEST(BaselineUpdate, MonteCarloAgreesWithQuadrature) {
       EXPECT_NEAR(r->log_evidence, exact.log_evidence, 0.15) << "step " << t;
     }
     EXPECT_TRUE(by_chain.trusted) << by_chain.remark;
+    EXPECT_TRUE(by_particles.trusted) << by_particles.remark;
+    EXPECT_LT(by_chain.log_evidence_error, 0.1);
   }
 }
 
-TEST(BaselineUpdate, AFilterSaysWhereThePosteriorIsNotItsGaussian) {
+TEST(OtherMethods, AFilterSaysWhereThePosteriorIsNotItsGaussian) {
   const Eigen::Index n = 8;
   const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 1, 21);
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.4);
   const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1.45, 0.7), std, 17);
   const std::vector<Prior> priors = {Prior::normal(0.9, 0.45), Prior::normal(1.1, 0.45)};
-  BaselineUpdate filter(model, NoiseModel::independent(std), priors, {Method::extended_kalman, 1000, 1});
+  SequentialUpdate filter(model, NoiseModel::independent(std), priors, by(Method::extended_kalman, 1000));
   const UpdateResult& r = filter.update(0, 0, data.col(0));
   EXPECT_FALSE(r.trusted);
   EXPECT_TRUE(r.remark.starts_with("the posterior is not the Gaussian of the filter: ")) << r.remark;
   EXPECT_THROW(filter.update(0, 0, data.col(0)), UsageError);
+}
+
+TEST(OtherMethods, LateDataAndNuisancesArePartOfEveryMethod) {
+  const Eigen::Index d = 2, n = 6;
+  const auto model = random_model(std::make_shared<LinearFunctions>(d), n, 4, 4, 5);
+  const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.3);
+  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(0.3, -0.6), std, 8);
+  const NoiseModel noise = NoiseModel::independent(std).with_offsets(0.4);
+  const std::vector<Prior> priors = {Prior::normal(0, 1), Prior::normal(-0.5, 2)};
+  SequentialUpdate exact(model, noise, priors, by(Method::grid, 0));
+  SequentialUpdate filter(model, noise, priors, by(Method::extended_kalman, 1000));
+  SequentialUpdate chain(model, noise, priors, by(Method::markov_chain, 8000));
+  for (const std::size_t t : {0u, 2u, 1u, 3u}) {  // the datum of step 1 is late
+    for (SequentialUpdate* update : {&exact, &filter, &chain})
+      update->update(t, t, data.col(static_cast<Eigen::Index>(t)));
+    // Linear in the parameters: the filter is exact.
+    EXPECT_LT((filter.result().mean - exact.result().mean).cwiseAbs().maxCoeff(), 1e-5);
+    EXPECT_NEAR(filter.result().log_evidence, exact.result().log_evidence, 1e-5);
+    EXPECT_NEAR(chain.result().log_evidence, exact.result().log_evidence, 0.1);
+  }
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "knothe/inference/bridge_sampling.hpp"
+#include "knothe/sampling/bridge_sampling.hpp"
 
 #include <fmt/format.h>
 
@@ -13,7 +13,7 @@
 #include "knothe/numerics/statistics/order_statistics.hpp"
 #include "knothe/sampling/checked_density.hpp"
 
-namespace knothe::inference {
+namespace knothe::sampling {
 namespace {
 
 /// Normalised Gaussian.
@@ -43,9 +43,8 @@ double relative_variance(const Eigen::ArrayXd& x) {
 
 }  // namespace
 
-BridgeEstimate bridge_sampling(sampling::LogDensity& user_target,
-                               const Eigen::Ref<const Eigen::MatrixXd>& draws, double effective_size,
-                               Eigen::Index proposals, std::uint64_t seed) {
+BridgeEstimate bridge_sampling(LogDensity& user_target, const Eigen::Ref<const Eigen::MatrixXd>& draws,
+                               double effective_size, Eigen::Index proposals, std::uint64_t seed) {
   if (draws.rows() < 100 || proposals < 10)
     throw UsageError(fmt::format("bridge sampling: {} draws and {} proposals; at least 100 and 10 are needed",
                                  draws.rows(), proposals));
@@ -60,8 +59,8 @@ BridgeEstimate bridge_sampling(sampling::LogDensity& user_target,
       (numerics::sobol_normal_points(proposals, draws.cols(), seed) * bridge.lower.transpose()).rowwise() +
       bridge.mean.transpose();
 
-  sampling::CheckedDensity target(user_target);
-  sampling::LogDensityBatch batch;
+  CheckedDensity target(user_target);
+  LogDensityBatch batch;
   target.evaluate(used, 0, batch);
   const Eigen::ArrayXd at_draws = batch.value - bridge.log_density(used);
   target.evaluate(proposed, 0, batch);
@@ -87,4 +86,4 @@ BridgeEstimate bridge_sampling(sampling::LogDensity& user_target,
   return {std::log(r) + centre, std::sqrt(relative_variance(f2) / n2 + relative_variance(f1) / n1)};
 }
 
-}  // namespace knothe::inference
+}  // namespace knothe::sampling
