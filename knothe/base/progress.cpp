@@ -32,13 +32,13 @@ void Progress::advance_to(std::size_t done, const std::string& detail) {
 
 void Progress::show(const std::string& detail, bool last) {
   const double elapsed = std::chrono::duration<double>(Clock::now() - start_).count();
-  const double fraction = static_cast<double>(done_) / static_cast<double>(total_);
+  const double fraction = static_cast<double>(done_) / total_;
   const double left = fraction > 0 ? elapsed * (1 - fraction) / fraction : 0;
   const std::string time = last ? fmt::format("{:.1f} s", elapsed) : fmt::format("{:.0f} s left", left);
   std::string line;
   if (terminal_) {
     constexpr int k_width = 30;
-    const int filled = static_cast<int>(fraction * k_width);
+    const int filled = fraction * k_width;
     line = fmt::format("\r\033[K{} [{}{}] {}/{}  {}  {}{}", label_, std::string(filled, '#'),
                        std::string(k_width - filled, ' '), done_, total_, time, detail, last ? "\n" : "");
   } else {

@@ -30,7 +30,7 @@ class Sha256 {
   }
   /// A text with its length before it: no two lists of texts look alike.
   void add_text(std::string_view text) {
-    add_number(static_cast<std::uint64_t>(text.size()));
+    add_number(text.size());
     add(text);
   }
   /// Ends the sum; add nothing afterwards.

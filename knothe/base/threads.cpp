@@ -13,7 +13,7 @@ namespace knothe {
 std::size_t default_threads() {
   if (const char* text = std::getenv("KNOTHE_THREADS")) {
     const long wanted = std::strtol(text, nullptr, 10);
-    if (wanted > 0) return static_cast<std::size_t>(wanted);
+    if (wanted > 0) return wanted;
   }
   return std::max<std::size_t>(1, std::thread::hardware_concurrency());
 }

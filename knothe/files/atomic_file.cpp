@@ -59,7 +59,7 @@ void write_all(int descriptor, const std::string& text, const std::string& path)
     const ssize_t written = ::write(descriptor, text.data() + done, text.size() - done);
     if (written < 0 && errno == EINTR) continue;
     if (written < 0) throw system_error("could not write", path);
-    done += static_cast<std::size_t>(written);
+    done += written;
   }
 }
 
@@ -124,7 +124,7 @@ std::string read_text(const std::string& path) {
     if (n < 0 && errno == EINTR) continue;
     if (n < 0) throw system_error("could not read", path);
     if (n == 0) return text;
-    text.append(buffer, static_cast<std::size_t>(n));
+    text.append(buffer, n);
   }
 }
 

@@ -10,6 +10,7 @@
 #include <string_view>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/numbers.hpp"
 
@@ -125,7 +126,7 @@ class FrdReader {
       for (std::size_t at = 3; !lines_.columns(at, 10).empty(); at += 10) {
         const auto node = place_.find(lines_.integer(at, 10));
         if (node == place_.end()) lines_.fail("an element with a node that there is not");
-        contents_.cells.back().nodes.push_back(static_cast<std::int64_t>(node->second));
+        contents_.cells.back().nodes.push_back(node->second);
       }
     }
   }
@@ -225,7 +226,7 @@ DatContents read_dat(const std::string& path) {
       in_table = false;  // another kind of line
       continue;
     }
-    for (std::size_t k = 0; k < labels.size(); ++k) {
+    for (Index k = 0; k < std::ssize(labels); ++k) {
       const auto value = parse_number(words[ids + k]);
       if (!value || !std::isfinite(*value))
         lines.fail(fmt::format("\"{}\": a finite number is expected", words[ids + k]));

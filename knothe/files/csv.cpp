@@ -118,7 +118,7 @@ std::size_t CsvTable::index_of(const std::string& column) const {
             fmt::format("column {} is missing{}; there are: {}", column, did_you_mean(column, header_),
                         fmt::join(header_, ", ")));
   }
-  return static_cast<std::size_t>(found - header_.begin());
+  return found - header_.begin();
 }
 
 std::vector<std::string> CsvTable::texts(const std::string& column) const {

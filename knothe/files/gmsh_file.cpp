@@ -8,6 +8,7 @@
 #include <string_view>
 #include <unordered_map>
 
+#include "knothe/base/index.hpp"
 #include "knothe/files/numbers.hpp"
 #include "knothe/files/text_position.hpp"
 
@@ -148,8 +149,7 @@ class GmshReader {
 
   void read_names() {
     for (std::int64_t n = words_.integer("the number of names", 0); n > 0; --n) {
-      const auto dimension = static_cast<int>(words_.integer("a group's dimension", 0)),
-                 tag = static_cast<int>(words_.integer("a group's tag"));
+      const int dimension = words_.integer("a group's dimension", 0), tag = words_.integer("a group's tag");
       file_.group_names[{dimension, tag}] = words_.quoted("the name of a physical group");
     }
   }
@@ -159,18 +159,18 @@ class GmshReader {
     for (auto& count : counts) count = words_.integer("the number of entities", 0);
     for (int dimension = 0; dimension < 4; ++dimension)
       for (std::int64_t i = counts[dimension]; i > 0; --i) {
-        const auto tag = static_cast<int>(words_.integer("an entity's tag"));
+        const int tag = words_.integer("an entity's tag");
         for (int k = dimension == 0 ? 3 : 6; k > 0; --k) (void)words_.number("an entity's position");
         auto& groups = entity_groups_[{dimension, tag}];
         for (std::int64_t k = words_.integer("the number of groups", 0); k > 0; --k)
-          groups.push_back(static_cast<int>(words_.integer("a group")));
+          groups.push_back(words_.integer("a group"));
         for (std::int64_t k = dimension == 0 ? 0 : words_.integer("the number of borders", 0); k > 0; --k)
           (void)words_.integer("a border");
       }
   }
 
   void add_node(std::int64_t tag) {
-    if (!node_of_tag_.try_emplace(tag, static_cast<std::int64_t>(node_of_tag_.size())).second)
+    if (!node_of_tag_.try_emplace(tag, std::ssize(node_of_tag_)).second)
       words_.fail(fmt::format("node {} is there twice", tag));
   }
   void read_point() {
@@ -217,7 +217,7 @@ class GmshReader {
   void read_element(std::int64_t tag, std::int64_t type, std::vector<int> groups) {
     GmshElement element{tag, static_cast<GmshType>(type), {}, std::move(groups)};
     element.nodes.fill(-1);
-    for (std::size_t a = 0; a < static_cast<std::size_t>(facts_of(type).nodes); ++a) {
+    for (Index a = 0; a < facts_of(type).nodes; ++a) {
       const std::int64_t node = words_.integer("a node of an element", 0);
       const auto found = node_of_tag_.find(node);
       if (found == node_of_tag_.end())
@@ -233,7 +233,7 @@ class GmshReader {
       const std::int64_t tag = words_.integer("an element's number", 0), type = read_type();
       std::vector<int> groups;
       for (std::int64_t tags = words_.integer("the number of an element's tags", 0); tags > 0; --tags) {
-        const auto value = static_cast<int>(words_.integer("an element's tag"));
+        const int value = words_.integer("an element's tag");
         if (groups.empty()) groups.push_back(value);  // the first is the physical group
       }
       read_element(tag, type, std::move(groups));
@@ -242,8 +242,8 @@ class GmshReader {
 
   void read_elements_4() {
     for (std::int64_t block = blocks(); block > 0; --block) {
-      const auto dimension = static_cast<int>(words_.integer("a block's dimension", 0)),
-                 entity = static_cast<int>(words_.integer("a block's tag"));
+      const int dimension = words_.integer("a block's dimension", 0),
+                entity = words_.integer("a block's tag");
       const std::int64_t type = read_type();
       for (std::int64_t k = words_.integer("the number of a block's entries", 0); k > 0; --k)
         read_element(words_.integer("an element's tag", 0), type, entity_groups_[{dimension, entity}]);

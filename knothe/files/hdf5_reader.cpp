@@ -82,12 +82,12 @@ Hdf5Handle Hdf5Reader::Implementation::attribute(const std::string& name,
 Shape Hdf5Reader::Implementation::shape_of(hid_t space, const std::string& name) const {
   const int rank = H5Sget_simple_extent_ndims(space);
   if (rank < 0) fail(fmt::format("could not read the shape of {}: {}", name, hdf5_cause()));
-  std::vector<hsize_t> extents(static_cast<std::size_t>(rank));
+  std::vector<hsize_t> extents(rank);
   if (H5Sget_simple_extent_dims(space, extents.data(), nullptr) < 0) {
     fail(fmt::format("could not read the shape of {}: {}", name, hdf5_cause()));
   }
   double total = 8.0;
-  for (const hsize_t extent : extents) total *= static_cast<double>(extent);
+  for (const hsize_t extent : extents) total *= extent;
   if (total > 1e15) fail(fmt::format("data set {} claims {:.3g} bytes: the file is damaged", name, total));
   return {extents.begin(), extents.end()};
 }
@@ -96,7 +96,7 @@ void Hdf5Reader::Implementation::require_finite(const std::vector<double>& value
                                                 const Shape& shape, const Shape& offset) const {
   const auto bad = std::find_if(values.begin(), values.end(), [](double v) { return !std::isfinite(v); });
   if (bad == values.end()) return;
-  const std::string index = index_text(static_cast<std::size_t>(bad - values.begin()), shape, offset);
+  const std::string index = index_text(bad - values.begin(), shape, offset);
   fail(fmt::format("{}{} is {}: only finite numbers are allowed here", name.substr(name.rfind('/') + 1),
                    index, std::isnan(*bad) ? "NaN" : "infinite"));
 }
@@ -195,8 +195,7 @@ std::vector<double> Hdf5Reader::read_slab(const std::string& name, const Shape& 
   const std::vector<hsize_t> start(offset.begin(), offset.end());
   const std::vector<hsize_t> extent(count.begin(), count.end());
   const Hdf5Handle space(H5Dget_space(set.get()), H5Sclose);
-  const Hdf5Handle memory(H5Screate_simple(static_cast<int>(extent.size()), extent.data(), nullptr),
-                          H5Sclose);
+  const Hdf5Handle memory(H5Screate_simple(extent.size(), extent.data(), nullptr), H5Sclose);
   auto values = allocate<double>(number_of_entries(count), path(), name);
   if (values.empty()) return values;
   if (!space || !memory ||

@@ -60,8 +60,7 @@ Hdf5Writer::~Hdf5Writer() = default;
 void Hdf5Writer::Implementation::write(const std::string& name, const void* values, hid_t memory_type,
                                        hid_t file_type, const Shape& shape, const Labels& labels) {
   const std::vector<hsize_t> extents(shape.begin(), shape.end());
-  const Hdf5Handle space(H5Screate_simple(static_cast<int>(extents.size()), extents.data(), nullptr),
-                         H5Sclose);
+  const Hdf5Handle space(H5Screate_simple(extents.size(), extents.data(), nullptr), H5Sclose);
   const Hdf5Handle links = link_properties();
   const Hdf5Handle creation(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
   H5Pset_attr_creation_order(creation.get(), k_tracked_order);

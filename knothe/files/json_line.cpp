@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 
 namespace knothe::files {
 namespace {
@@ -16,7 +17,7 @@ void check_finite(const nlohmann::ordered_json& value, const std::string& path) 
     for (const auto& [key, member] : value.items())
       check_finite(member, path.empty() ? key : path + "." + key);
   } else if (value.is_array()) {
-    for (std::size_t i = 0; i < value.size(); ++i)
+    for (Index i = 0; i < std::ssize(value); ++i)
       check_finite(value[i], path + "[" + std::to_string(i) + "]");
   }
 }

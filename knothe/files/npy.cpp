@@ -9,6 +9,7 @@
 #include <cstdint>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/files/atomic_file.hpp"
 
 namespace knothe::files {
@@ -33,7 +34,7 @@ std::vector<std::size_t> shape_of(std::string_view text, const std::string& name
     const auto [end, error] = std::from_chars(text.data() + at, text.data() + text.size(), extent);
     if (error != std::errc()) break;
     shape.push_back(extent);
-    at = static_cast<std::size_t>(end - text.data());
+    at = end - text.data();
     while (at < text.size() && (text[at] == ',' || text[at] == ' ')) ++at;
   }
   if (!text.starts_with('(') || at >= text.size() || text[at] != ')')
@@ -43,9 +44,9 @@ std::vector<std::size_t> shape_of(std::string_view text, const std::string& name
 
 template <class T>
 void convert(std::string_view bytes, bool is_big_endian, std::vector<double>& values) {
-  for (std::size_t i = 0; i < values.size(); ++i) {
+  for (Index i = 0; i < std::ssize(values); ++i) {
     std::array<char, sizeof(T)> number;
-    std::copy_n(bytes.begin() + static_cast<std::ptrdiff_t>(i * sizeof(T)), sizeof(T), number.begin());
+    std::copy_n(bytes.begin() + i * sizeof(T), sizeof(T), number.begin());
     if (is_big_endian) std::reverse(number.begin(), number.end());
     values[i] = static_cast<double>(std::bit_cast<T>(number));
   }
@@ -57,7 +58,7 @@ std::vector<double> in_c_order(const std::vector<double>& values, const std::vec
   std::vector<std::size_t> index(shape.size(), 0);
   for (const double value : values) {
     std::size_t at = 0;
-    for (std::size_t k = 0; k < shape.size(); ++k) at = at * shape[k] + index[k];
+    for (Index k = 0; k < std::ssize(shape); ++k) at = at * shape[k] + index[k];
     result[at] = value;
     for (std::size_t k = 0; k < shape.size() && ++index[k] == shape[k]; ++k) index[k] = 0;
   }

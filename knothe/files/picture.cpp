@@ -30,11 +30,11 @@ Picture sized(const std::string& path, std::int64_t width, std::int64_t height, 
     fail(path, fmt::format("the file is truncated or damaged: it says {} × {} pixels and has {} bytes", width,
                            height, file_bytes));
   Picture picture;
-  picture.width = static_cast<int>(width);
-  picture.height = static_cast<int>(height);
+  picture.width = width;
+  picture.height = height;
   picture.bit_depth = bit_depth;
-  picture.maximum = static_cast<float>((1 << bit_depth) - 1);
-  picture.pixels.resize(static_cast<std::size_t>(width * height));
+  picture.maximum = (1 << bit_depth) - 1;
+  picture.pixels.resize(width * height);
   return picture;
 }
 
@@ -79,7 +79,7 @@ Picture read_pgm(const std::string& path, const std::string& bytes, Colour colou
   int bits = 1;
   while ((1L << bits) - 1 < maximum) ++bits;
   Picture picture = sized(path, width, height, bits, bytes.size());
-  picture.maximum = static_cast<float>(maximum);
+  picture.maximum = maximum;
   const std::size_t size = maximum > 255 ? 2 : 1, needed = picture.pixels.size() * channels * size;
   if (!plain && bytes.size() < ++at + needed)  // one white space
     fail(path,
@@ -104,8 +104,7 @@ Picture read_pgm(const std::string& path, const std::string& bytes, Colour colou
 
 std::uint32_t little_endian(const std::string& bytes, std::size_t at, int count) {
   std::uint32_t value = 0;
-  for (int i = count; i-- > 0;)
-    value = 256 * value + static_cast<unsigned char>(bytes[at + static_cast<std::size_t>(i)]);
+  for (int i = count; i-- > 0;) value = 256 * value + static_cast<unsigned char>(bytes[at + i]);
   return value;
 }
 
@@ -113,17 +112,16 @@ std::uint32_t little_endian(const std::string& bytes, std::size_t at, int count)
 Picture read_bmp(const std::string& path, const std::string& bytes, Colour colour) {
   if (bytes.size() < 54) fail(path, "the file is truncated: it ends within the BMP header");
   const std::size_t pixels_at = little_endian(bytes, 10, 4), header = little_endian(bytes, 14, 4);
-  const auto width = static_cast<std::int32_t>(little_endian(bytes, 18, 4));
-  const auto stored_height = static_cast<std::int32_t>(little_endian(bytes, 22, 4));
+  const std::int32_t width = little_endian(bytes, 18, 4);
+  const std::int32_t stored_height = little_endian(bytes, 22, 4);
   const std::uint32_t bits = little_endian(bytes, 28, 2), compression = little_endian(bytes, 30, 4);
   if (compression != 0 && compression != 3)
     fail(path, "a compressed BMP; save it uncompressed, or as TIFF or PNG");
   if (bits != 8 && bits != 24 && bits != 32)
     fail(path, fmt::format("a BMP of {} bits a pixel; 8, 24 and 32 can be read", bits));
   Picture picture = sized(path, width, std::abs(static_cast<std::int64_t>(stored_height)), 8, bytes.size());
-  const std::size_t w = static_cast<std::size_t>(picture.width), step = bits / 8,
-                    row_bytes = (w * step + 3) / 4 * 4;
-  if (bytes.size() < pixels_at + row_bytes * static_cast<std::size_t>(picture.height))
+  const std::size_t w = picture.width, step = bits / 8, row_bytes = (w * step + 3) / 4 * 4;
+  if (bytes.size() < pixels_at + row_bytes * picture.height)
     fail(path, "the file is truncated: pixels are missing");
   std::array<float, 256> grey{};
   const auto grey_at = [&](std::size_t at) {  // blue, green, red
@@ -141,9 +139,9 @@ Picture read_bmp(const std::string& path, const std::string& bytes, Colour colou
   }
   for (int y = 0; y < picture.height; ++y) {
     const int from = stored_height > 0 ? picture.height - 1 - y : y;
-    const std::size_t row = pixels_at + row_bytes * static_cast<std::size_t>(from);
+    const std::size_t row = pixels_at + row_bytes * from;
     for (std::size_t x = 0; x < w; ++x)
-      picture.at(static_cast<int>(x), y) =
+      picture.at(x, y) =
           bits == 8 ? grey[static_cast<unsigned char>(bytes[row + x])] : grey_at(row + x * step);
   }
   return picture;

@@ -22,9 +22,7 @@ struct Picture {
   [[nodiscard]] float& at(int x, int y) { return pixels[index(x, y)]; }
   [[nodiscard]] float at(int x, int y) const { return pixels[index(x, y)]; }
   [[nodiscard]] const float* row(int y) const { return pixels.data() + index(0, y); }
-  [[nodiscard]] std::size_t index(int x, int y) const {
-    return static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
-  }
+  [[nodiscard]] std::size_t index(int x, int y) const { return static_cast<std::size_t>(y) * width + x; }
 };
 
 /// What is done with a picture in colour.

@@ -53,7 +53,7 @@ Picture picture_formats::read_jpeg(const std::string& path, const std::string& b
     JSAMPROW out = row.data();
     jpeg_read_scanlines(&jpeg, &out, 1);
     for (int x = 0; x < picture.width; ++x) {
-      const auto sample = [&](int k) { return static_cast<float>(row[k]); };
+      const auto sample = [&](int k) -> float { return row[k]; };
       picture.at(x, y) =
           grey ? sample(x) : grey_of(path, colour, sample(3 * x), sample(3 * x + 1), sample(3 * x + 2));
     }

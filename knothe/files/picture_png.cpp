@@ -83,12 +83,11 @@ Picture picture_formats::read_png(const std::string& path, const std::string& by
                           png_get_image_height(reader.png, reader.info), bits, bytes.size());
   const bool in_colour = (type & PNG_COLOR_MASK_COLOR) != 0;
   const std::size_t row_bytes = png_get_rowbytes(reader.png, reader.info);
-  std::vector<unsigned char> all(row_bytes * static_cast<std::size_t>(picture.height));
+  std::vector<unsigned char> all(row_bytes * picture.height);
   for (int pass = 0; pass < passes; ++pass)
-    for (int y = 0; y < picture.height; ++y)
-      png_read_row(reader.png, all.data() + row_bytes * static_cast<std::size_t>(y), nullptr);
+    for (int y = 0; y < picture.height; ++y) png_read_row(reader.png, all.data() + row_bytes * y, nullptr);
   for (int y = 0; y < picture.height; ++y) {
-    const unsigned char* row = all.data() + row_bytes * static_cast<std::size_t>(y);
+    const unsigned char* row = all.data() + row_bytes * y;
     const auto sample = [&](int k) {
       return static_cast<float>(bits == 16 ? 256 * row[2 * k] + row[2 * k + 1] : row[k]);
     };
@@ -113,7 +112,7 @@ std::string encoded(const std::string& path, const Picture& picture) {
                  PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
     png_write_info(writer.png, writer.info);
     std::vector<unsigned char> row(static_cast<std::size_t>(picture.width) * 2);
-    const float top = static_cast<float>((1 << bits) - 1);
+    const float top = (1 << bits) - 1;
     for (int y = 0; y < picture.height; ++y) {
       for (int x = 0; x < picture.width; ++x) {
         const float value = picture.at(x, y);
@@ -154,8 +153,7 @@ void write_colour_png(const std::string& path, int width, int height, std::span<
                  PNG_FILTER_TYPE_DEFAULT);
     png_write_info(writer.png, writer.info);
     for (int y = 0; y < height; ++y)
-      png_write_row(writer.png,
-                    pixels.data() + 3 * static_cast<std::size_t>(y) * static_cast<std::size_t>(width));
+      png_write_row(writer.png, pixels.data() + 3 * static_cast<std::size_t>(y) * width);
     png_write_end(writer.png, writer.info);
   }
   write_text_atomically(path, bytes);

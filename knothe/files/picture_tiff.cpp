@@ -52,16 +52,14 @@ std::vector<float> palette_levels(TIFF* tiff, const std::string& path, unsigned 
   const float unit = largest > 255 ? 257.0F : 1.0F;
   std::vector<float> levels;
   for (std::size_t c = 0; c < count; ++c)
-    levels.push_back(picture_formats::grey_of(path, colour, static_cast<float>(red[c]) / unit,
-                                              static_cast<float>(green[c]) / unit,
-                                              static_cast<float>(blue[c]) / unit));
+    levels.push_back(picture_formats::grey_of(path, colour, red[c] / unit, green[c] / unit, blue[c] / unit));
   return levels;
 }
 
 /// Values rounded and clipped to what `bits` hold.
 template <class Integer>
 void round_row(const Picture& picture, int y, Integer* out) {
-  const float top = static_cast<float>((1 << (8 * sizeof(Integer))) - 1);
+  const float top = (1 << (8 * sizeof(Integer))) - 1;
   for (int x = 0; x < picture.width; ++x) {
     const float value = picture.at(x, y);
     if (!std::isfinite(value))
@@ -103,11 +101,11 @@ Picture picture_formats::read_tiff(const std::string& path, std::size_t file_byt
   Picture picture = sized(path, width, height, palette ? 8 : bits, file_bytes);
   const std::vector<float> levels =
       palette ? palette_levels(tiff.get(), path, bits, colour) : std::vector<float>();
-  std::vector<unsigned char> row(static_cast<std::size_t>(TIFFScanlineSize64(tiff.get())) + 2);
+  std::vector<unsigned char> row(TIFFScanlineSize64(tiff.get()) + 2);
   for (std::uint32_t y = 0; y < height; ++y) {
     if (TIFFReadScanline(tiff.get(), row.data(), y) != 1)
       fail(path, fmt::format("row {} cannot be read: the file is truncated or damaged ({})", y, last_words));
-    float* out = picture.pixels.data() + picture.index(0, static_cast<int>(y));
+    float* out = picture.pixels.data() + picture.index(0, y);
     const auto sample = [&](std::size_t k) {
       return static_cast<float>(bits == 8 ? row[k] : reinterpret_cast<const std::uint16_t*>(row.data())[k]);
     };
@@ -121,7 +119,7 @@ Picture picture_formats::read_tiff(const std::string& path, std::size_t file_byt
     else if (bits == 16)
       std::copy_n(reinterpret_cast<const std::uint16_t*>(row.data()), width, out);
     else
-      for (std::size_t x = 0; x < width; ++x) out[x] = static_cast<float>(packed_sample(row.data(), x, bits));
+      for (std::size_t x = 0; x < width; ++x) out[x] = packed_sample(row.data(), x, bits);
     if (photometric == PHOTOMETRIC_MINISWHITE)
       for (std::uint32_t x = 0; x < width; ++x) out[x] = picture.maximum - out[x];
   }
@@ -141,7 +139,7 @@ void write_tiff(const std::string& path, const Picture& picture) {
     TIFFSetField(tiff.get(), TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK);
     TIFFSetField(tiff.get(), TIFFTAG_COMPRESSION, COMPRESSION_NONE);
     TIFFSetField(tiff.get(), TIFFTAG_ROWSPERSTRIP, 64);
-    std::vector<std::uint16_t> row(static_cast<std::size_t>(picture.width));
+    std::vector<std::uint16_t> row(picture.width);
     for (int y = 0; y < picture.height; ++y) {
       if (bits == 8)
         round_row(picture, y, reinterpret_cast<std::uint8_t*>(row.data()));

@@ -80,7 +80,7 @@ ReadOutcome try_in_child(const std::string& path, rlim_t cpu_seconds, const std:
     std::array<char, 4096> buffer;
     const ssize_t n = ready > 0 ? ::read(ends[0], buffer.data(), buffer.size()) : 0;
     if (n <= 0) break;
-    said.append(buffer.data(), static_cast<std::size_t>(n));
+    said.append(buffer.data(), n);
   }
   ::close(ends[0]);
   if (child < 0) throw system_error("could not start a process to read", path);
@@ -118,7 +118,7 @@ SealState state_of_seal(const std::string& path) {
     behind.resize(std::fread(behind.data(), 1, behind.size(), file.get()));
     return behind == k_signature && !block.starts_with(k_signature) ? SealState::broken : SealState::none;
   }
-  const auto size = static_cast<std::uint64_t>(status.st_size);
+  const std::uint64_t size = status.st_size;
   std::uint64_t expected = 0;
   if (size >= k_block) std::memcpy(&expected, block.data() + k_mark.size(), sizeof expected);
   if (size < k_block || size - k_block < expected)

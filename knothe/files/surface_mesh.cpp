@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/gmsh_file.hpp"
 #include "knothe/files/text_position.hpp"
@@ -17,7 +18,7 @@ SurfaceMesh with_used_points(const std::vector<double>& points,
       if (node >= 0) number[node] = 0;
   SurfaceMesh mesh{{}, std::move(cells)};
   std::int64_t next = 0;
-  for (std::size_t i = 0; i < number.size(); ++i) {
+  for (Index i = 0; i < std::ssize(number); ++i) {
     if (number[i] < 0) continue;
     number[i] = next++;
     mesh.points.insert(mesh.points.end(), {points[3 * i], points[3 * i + 1], points[3 * i + 2]});

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/numbers.hpp"
@@ -69,7 +70,7 @@ std::string add_fields(const std::vector<VtuField>& fields, std::size_t entries,
       throw UsageError(fmt::format("{}: field {} has {} values, {} x {} are needed", path, field.name,
                                    field.values.size(), entries, field.components));
     }
-    for (std::size_t i = 0; i < field.values.size(); ++i) {
+    for (Index i = 0; i < std::ssize(field.values); ++i) {
       if (!std::isfinite(field.values[i])) {
         throw UsageError(fmt::format("{}: field {}[{},{}] is not finite", path, field.name,
                                      i / field.components, i % field.components));
@@ -98,8 +99,7 @@ void write_vtu(const VtuGrid& grid, const std::string& path) {
   const int type = vtk_cell_type(grid.type);
   if (type == 0) throw UsageError(fmt::format("{}: {} is no cell type of VTK known here", path, grid.type));
   std::vector<std::int64_t> offsets(cells);
-  for (std::size_t i = 0; i < cells; ++i)
-    offsets[i] = static_cast<std::int64_t>((i + 1) * grid.nodes_per_cell);
+  for (std::size_t i = 0; i < cells; ++i) offsets[i] = (i + 1) * grid.nodes_per_cell;
   const std::vector<std::uint8_t> types(cells, static_cast<std::uint8_t>(type));
 
   AppendedData data;

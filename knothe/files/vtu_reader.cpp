@@ -12,6 +12,7 @@
 #include <string_view>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/numbers.hpp"
 #include "knothe/files/surface_mesh.hpp"
@@ -79,8 +80,7 @@ class VtuReader {
       VtuField field;
       field.name = array.attribute("Name").value();
       if (array.attribute("NumberOfComponents"))
-        field.components =
-            static_cast<std::size_t>(std::clamp<std::int64_t>(attribute(array, "NumberOfComponents"), 1, 9));
+        field.components = std::clamp<std::int64_t>(attribute(array, "NumberOfComponents"), 1, 9);
       field.units = array.find_child_by_attribute("InformationKey", "name", "UNITS_LABEL").text().get();
       field.values = numbers<double>(array, "values");
       if (field.values.size() != grid.points.size() / 3 * field.components)
@@ -118,8 +118,7 @@ class VtuReader {
   }
 
   void check_cells(const VtuContents& grid) const {
-    const auto nodes = static_cast<std::int64_t>(grid.connectivity.size()),
-               count = static_cast<std::int64_t>(grid.points.size() / 3);
+    const std::int64_t nodes = std::ssize(grid.connectivity), count = grid.points.size() / 3;
     std::int64_t before = 0;
     for (const std::int64_t end : grid.offsets) {
       if (end < before || end > nodes)
@@ -135,7 +134,7 @@ class VtuReader {
     fail_at_offset(path_, text_, at, message);
   }
   [[noreturn]] void fail(const pugi::xml_node& node, const std::string& message) const {
-    fail(static_cast<std::size_t>(node.offset_debug() - 1), message);
+    fail(node.offset_debug() - 1, message);
   }
 
   void parse() {
@@ -149,8 +148,7 @@ class VtuReader {
     const auto result =
         document_.load_buffer(xml.data(), xml.size(), pugi::parse_minimal, pugi::encoding_utf8);
     if (!result)
-      fail(static_cast<std::size_t>(result.offset),
-           fmt::format("{}: this is no VTU file, or it is cut off", result.description()));
+      fail(result.offset, fmt::format("{}: this is no VTU file, or it is cut off", result.description()));
     const pugi::xml_node file = file_ = document_.child("VTKFile");
     if (file) read_header(file);
     piece_ = file.child("UnstructuredGrid").child("Piece");
@@ -191,8 +189,7 @@ class VtuReader {
   [[nodiscard]] std::string_view content(const pugi::xml_node& array) const {
     const pugi::xml_node inside = array.text().data();
     if (!inside) return {};
-    return std::string_view(text_).substr(static_cast<std::size_t>(inside.offset_debug()),
-                                          std::strlen(inside.value()));
+    return std::string_view(text_).substr(inside.offset_debug(), std::strlen(inside.value()));
   }
 
   /// The numbers of an array, whatever their type and form in the file.
@@ -218,7 +215,7 @@ class VtuReader {
   template <class From, class T>
   static std::vector<T> converted(const std::string& bytes) {
     std::vector<T> values(bytes.size() / sizeof(From));
-    for (std::size_t i = 0; i < values.size(); ++i)
+    for (Index i = 0; i < std::ssize(values); ++i)
       values[i] = static_cast<T>(number_at<From>(bytes, i * sizeof(From)));
     return values;
   }
@@ -233,7 +230,7 @@ class VtuReader {
       const std::string_view word = text.substr(at, end - at);
       const auto value = parse_number(word);
       if (!value || !(std::abs(*value) < 1e15))
-        fail(static_cast<std::size_t>(word.data() - text_.data()),
+        fail(word.data() - text_.data(),
              fmt::format("\"{}\" among the {}: a number is expected", word.substr(0, 40), what));
       values.push_back(static_cast<T>(*value));
       at = end;
@@ -248,7 +245,7 @@ class VtuReader {
       if (appended_ == std::string::npos || offset < 0 ||
           static_cast<std::size_t>(offset) >= text_.size() - appended_)
         fail(array, "the appended data do not reach so far: the file is cut off");
-      from = std::string_view(text_).substr(appended_ + static_cast<std::size_t>(offset));
+      from = std::string_view(text_).substr(appended_ + offset);
     }
     const bool coded = !appended || base64_;
     const std::size_t header = long_header_ ? 8 : 4;
@@ -261,7 +258,7 @@ class VtuReader {
       const auto value = long_header_ ? number_at<std::uint64_t>(bytes, k * header)
                                       : number_at<std::uint32_t>(bytes, k * header);
       if (value > k_max_bytes) fail(array, fmt::format("an array of {} bytes: the file is damaged", value));
-      return static_cast<std::size_t>(value);
+      return value;
     };
     const std::size_t first = header_number(read(header), 0);
     if (!compressed_) return read(header + first).substr(header);
@@ -300,10 +297,10 @@ class VtuReader {
   SurfaceMesh collect(const std::vector<double>& points, const std::vector<std::int64_t>& connectivity,
                       const std::vector<std::int64_t>& offsets,
                       const std::vector<std::int64_t>& types) const {
-    const auto count = static_cast<std::int64_t>(points.size() / 3);
+    const std::int64_t count = points.size() / 3;
     std::vector<std::array<std::int64_t, 4>> faces;
-    const auto nodes = static_cast<std::int64_t>(connectivity.size());
-    for (std::size_t c = 0; c < offsets.size(); ++c) {
+    const auto nodes = std::ssize(connectivity);
+    for (Index c = 0; c < std::ssize(offsets); ++c) {
       const std::int64_t begin = c == 0 ? 0 : offsets[c - 1], end = offsets[c];
       if (begin < 0 || end < begin || end > nodes)
         fail(cells("offsets"),
@@ -319,7 +316,7 @@ class VtuReader {
              fmt::format("cell {} has {} nodes, its type says {}", c, end - begin, corners));
       std::array<std::int64_t, 4> cell{-1, -1, -1, -1};
       for (std::size_t a = 0; a < corners; ++a) {
-        cell[a] = connectivity[static_cast<std::size_t>(begin) + a];
+        cell[a] = connectivity[begin + a];
         if (cell[a] < 0 || cell[a] >= count)
           fail(cells("connectivity"),
                fmt::format("cell {} has the point {}, there are {}", c, cell[a], count));
@@ -378,7 +375,7 @@ std::vector<PvdEntry> read_pvd(const std::string& path) {
   }
   std::stable_sort(entries.begin(), entries.end(),
                    [](const PvdEntry& a, const PvdEntry& b) { return a.time < b.time; });
-  for (std::size_t i = 1; i < entries.size(); ++i)
+  for (Index i = 1; i < std::ssize(entries); ++i)
     if (entries[i].time == entries[i - 1].time)
       throw DataError(fmt::format(
           "{}: error: two files for the time {}: append the parts into one (ParaView: Merge Blocks)", path,

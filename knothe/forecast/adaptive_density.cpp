@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/forecast/scalar_forecast.hpp"
 
 namespace knothe::forecast {
@@ -65,7 +66,7 @@ std::vector<Interval> refine(std::vector<Interval> intervals, const LogDensityFu
     for (const auto& i : intervals) peak = std::max(peak, i.largest());
     points.clear();
     split.assign(intervals.size(), false);
-    for (std::size_t j = 0; j < intervals.size(); ++j) {
+    for (Index j = 0; j < std::ssize(intervals); ++j) {
       const Interval& i = intervals[j];
       const double quarter = 0.25 * (i.right - i.left);
       const bool divisible = i.left + quarter > i.left && i.right - quarter < i.right;
@@ -80,7 +81,7 @@ std::vector<Interval> refine(std::vector<Interval> intervals, const LogDensityFu
     require_usable(values);
     next.clear();
     std::size_t used = 0;
-    for (std::size_t j = 0; j < intervals.size(); ++j) {
+    for (Index j = 0; j < std::ssize(intervals); ++j) {
       const Interval& i = intervals[j];
       if (!split[j]) {
         next.push_back(i);
@@ -122,7 +123,7 @@ struct Parabola {
 /// Most probable value: golden-section search beside the largest of the points, on the exact log-density.
 double most_probable(const std::vector<Interval>& intervals, const LogDensityFunction& log_density) {
   double best = -std::numeric_limits<double>::infinity(), where = 0.0, low = 0.0, high = 0.0;
-  for (std::size_t j = 0; j < intervals.size(); ++j) {
+  for (Index j = 0; j < std::ssize(intervals); ++j) {
     const Interval& i = intervals[j];
     const auto consider = [&](double x, double value, double a, double b) {
       if (value > best) best = value, where = x, low = a, high = b;
@@ -130,7 +131,7 @@ double most_probable(const std::vector<Interval>& intervals, const LogDensityFun
     consider(i.left, i.log_left, j > 0 ? intervals[j - 1].middle() : i.left, i.middle());
     consider(i.middle(), i.log_middle, i.left, i.right);
     consider(i.right, i.log_right, i.middle(),
-             j + 1 < intervals.size() ? intervals[j + 1].middle() : i.right);
+             j + 1 < std::ssize(intervals) ? intervals[j + 1].middle() : i.right);
   }
   constexpr double golden = 0.6180339887498949;
   const auto value_at = [&](double x) {
@@ -170,7 +171,7 @@ void write_density(const std::vector<Interval>& intervals, const std::vector<dou
     result.points.push_back(x);
     result.density.push_back(std::exp(log_value - peak) / total);
   };
-  for (std::size_t j = 0; j < intervals.size(); ++j)
+  for (Index j = 0; j < std::ssize(intervals); ++j)
     visit(intervals[j].left, intervals[j].log_left, below[j] / total, false);
   visit(intervals.back().right, intervals.back().log_right, 1.0, true);
 }
@@ -201,7 +202,7 @@ ScalarForecast forecast_of_density(std::span<const double> base, std::span<const
   std::vector<Parabola> pieces;
   pieces.reserve(intervals.size());
   std::vector<double> below(intervals.size() + 1, 0.0), above(intervals.size() + 1, 0.0);
-  for (std::size_t j = 0; j < intervals.size(); ++j) {
+  for (Index j = 0; j < std::ssize(intervals); ++j) {
     pieces.emplace_back(intervals[j], peak);
     below[j + 1] = below[j] + pieces[j].mass(1.0);
   }
@@ -213,7 +214,7 @@ ScalarForecast forecast_of_density(std::span<const double> base, std::span<const
   // Moments about the most probable value, so that a narrow density keeps its digits.
   const double centre = result.maximum_a_posteriori;
   double first = 0.0, second = 0.0;
-  for (std::size_t j = 0; j < intervals.size(); ++j) {
+  for (Index j = 0; j < std::ssize(intervals); ++j) {
     const Interval& i = intervals[j];
     const double step = (i.right - i.left) / 6.0;
     const double weights[3] = {step * std::exp(i.log_left - peak), 4.0 * step * std::exp(i.log_middle - peak),
@@ -231,11 +232,10 @@ ScalarForecast forecast_of_density(std::span<const double> base, std::span<const
   const auto quantile = [&](double level) {
     const double wanted = level * total;
     const auto after = std::upper_bound(below.begin() + 1, below.end() - 1, wanted);
-    const std::size_t j = static_cast<std::size_t>(after - below.begin()) - 1;
+    const std::size_t j = after - below.begin() - 1;
     return pieces[j].left + pieces[j].width * pieces[j].inverse(wanted - below[j]);
   };
-  for (std::size_t k = 0; k < k_quantile_levels.size(); ++k)
-    result.values[k] = quantile(k_quantile_levels[k]);
+  for (Index k = 0; k < std::ssize(k_quantile_levels); ++k) result.values[k] = quantile(k_quantile_levels[k]);
 
   if (threshold < base.front()) {
     result.probability_above_threshold = 1.0;

@@ -9,6 +9,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
 #include "knothe/numerics/statistics/random.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
@@ -18,9 +19,9 @@ namespace knothe::forecast {
 namespace {
 
 constexpr int k_parts_per_spacing = 4;  // points of the first pass per distance of two snapshots
-constexpr Eigen::Index k_max_samples = 1024;
-constexpr Eigen::Index k_max_mapped_axes = 4;  // of the map of the predicted field
-constexpr double k_min_share = 0.1;  // of δ²: variance of the posterior along an axis that is mapped
+constexpr Index k_max_samples = 1024;
+constexpr Index k_max_mapped_axes = 4;  // of the map of the predicted field
+constexpr double k_min_share = 0.1;     // of δ²: variance of the posterior along an axis that is mapped
 constexpr unsigned k_seed = 1;
 
 void check(const CrackMetaModel& meta_model, const LinearPrediction& prediction, double imposed_displacement,
@@ -31,7 +32,7 @@ void check(const CrackMetaModel& meta_model, const LinearPrediction& prediction,
                     options.prior_mean, options.prior_std));
   if (!std::isfinite(options.threshold))
     throw ProjectError("crack length: threshold must be a finite length in m");
-  const Eigen::Index n = meta_model.observations();
+  const Index n = meta_model.observations();
   if (prediction.lift.size() != n || prediction.modes.rows() != n)
     throw DataError(fmt::format(
         "crack length: the crack solutions are given at {} observed dofs, the prediction's lift at {} "
@@ -76,7 +77,7 @@ struct Reduced {
 
 Reduced reduce(const Eigen::MatrixXd& a, const Eigen::VectorXd& b) {
   const Eigen::HouseholderQR<Eigen::MatrixXd> qr(a);
-  const Eigen::Index rows = std::min(a.rows(), a.cols());
+  const Index rows = std::min(a.rows(), a.cols());
   Reduced reduced;
   reduced.factor = qr.matrixQR().topRows(rows).triangularView<Eigen::Upper>();
   const Eigen::VectorXd rotated = qr.householderQ().adjoint() * b;
@@ -112,12 +113,12 @@ CrackBridge::CrackBridge(CrackMetaModel&& meta_model, const Eigen::MatrixXd& coo
       modes_(coordinates.rightCols(coordinates.cols() - meta_model_.modes() - 1)),
       nearest_(meta_model_, crack_.topRows(crack_rows())) {
   const auto lengths = meta_model_.lengths();
-  for (std::size_t i = 0; i + 1 < lengths.size(); ++i)
+  for (Index i = 0; i + 1 < std::ssize(lengths); ++i)
     for (int part = 0; part < k_parts_per_spacing; ++part)
       base_.push_back(lengths[i] + (lengths[i + 1] - lengths[i]) * part / k_parts_per_spacing);
   base_.push_back(lengths.back());
   base_values_ = meta_model_.coordinates(base_);
-  const Eigen::Map<const Eigen::ArrayXd> base(base_.data(), static_cast<Eigen::Index>(base_.size()));
+  const Eigen::Map<const Eigen::ArrayXd> base(base_.data(), std::ssize(base_));
   base_prior_ = -0.5 * ((base - options_.prior_mean) / options_.prior_std).square();
 }
 
@@ -129,8 +130,8 @@ CrackForecast CrackBridge::update(const Eigen::Ref<const reduction::RowMatrix>& 
   }
   // Points without weight cost as much as the others.
   const double least = 1e-12 * weights.sum();
-  std::vector<Eigen::Index> kept;
-  for (Eigen::Index i = 0; i < weights.size(); ++i)
+  std::vector<Index> kept;
+  for (Index i = 0; i < weights.size(); ++i)
     if (!(weights[i] >= 0.0 && weights[i] <= least)) kept.push_back(i);
   const Eigen::VectorXd weight = weights(kept);
   Eigen::MatrixXd misfit = fields_of(functions(kept, Eigen::all));
@@ -142,8 +143,7 @@ CrackForecast CrackBridge::update(const Eigen::Ref<const reduction::RowMatrix>& 
       crack_.topRows(crack_rows()) * meta_model_.coordinates({lengths.data(), kept.size()});
   const double square = misfit.colwise().squaredNorm().dot(weight) / weight.sum();
   // One of the dofs' worth is spent on the length.
-  forecast.discrepancy_std =
-      std::sqrt(square / static_cast<double>(std::max<Eigen::Index>(meta_model_.observations() - 1, 1)));
+  forecast.discrepancy_std = std::sqrt(square / std::max<Index>(meta_model_.observations() - 1, 1));
   return forecast;
 }
 
@@ -154,8 +154,8 @@ ScalarForecast CrackBridge::published_by_map(const Eigen::Ref<const reduction::R
   const FunctionMoments moments = moments_of_functions(functions, weights);
   const numerics::SymmetricEigen spread(modes_ * moments.covariance * modes_.transpose());
   const double noise = discrepancy_std * discrepancy_std;
-  const Eigen::Index k = spread.eigenvalues().size();
-  Eigen::Index mapped = 0;  // axes along which the posterior is wider than a part of δ
+  const Index k = spread.eigenvalues().size();
+  Index mapped = 0;  // axes along which the posterior is wider than a part of δ
   while (mapped < std::min(k, k_max_mapped_axes) &&
          spread.eigenvalues()[k - 1 - mapped] > k_min_share * noise)
     ++mapped;
@@ -163,7 +163,7 @@ ScalarForecast CrackBridge::published_by_map(const Eigen::Ref<const reduction::R
 
   const Eigen::MatrixXd axes = spread.eigenvectors().rightCols(mapped);
   const Eigen::VectorXd mean = lift_ + modes_ * moments.mean;
-  const Eigen::Index n = std::min(k_max_samples, functions.rows());
+  const Index n = std::min(k_max_samples, functions.rows());
   const reduction::RowMatrix drawn = functions(numerics::equal_draws(weights, n), Eigen::all);
   const Eigen::MatrixXd centred =
       (drawn.rowwise() - moments.mean.transpose()) * (axes.transpose() * modes_).transpose();
@@ -176,9 +176,9 @@ ScalarForecast CrackBridge::published_by_map(const Eigen::Ref<const reduction::R
     const Eigen::MatrixXd fields = (crack_ * meta_model_.coordinates(lengths)).colwise() - mean;
     const Eigen::VectorXd log_mapped = map.log_density((axes.transpose() * fields).transpose());
     const Eigen::VectorXd rest = (others * fields).cwiseAbs2().transpose() * precision;
-    for (std::size_t i = 0; i < lengths.size(); ++i) {
+    for (Index i = 0; i < std::ssize(lengths); ++i) {
       const double prior = (lengths[i] - options_.prior_mean) / options_.prior_std;
-      const auto row = static_cast<Eigen::Index>(i);
+      const Index row = i;
       out[i] = log_mapped[row] - 0.5 * (rest[row] + prior * prior);
     }
   };
@@ -211,7 +211,7 @@ ScalarForecast CrackBridge::published(const FunctionMoments& moments, double dis
 
   Eigen::VectorXd value(meta_model_.modes()), field(reduced.target.size());
   const auto log_density = [&](std::span<const double> lengths, std::span<double> out) {
-    for (std::size_t i = 0; i < lengths.size(); ++i) {
+    for (Index i = 0; i < std::ssize(lengths); ++i) {
       meta_model_.evaluate(lengths[i], value);
       field.noalias() = reduced.factor * value;
       const double prior = (lengths[i] - options_.prior_mean) / options_.prior_std;
@@ -237,9 +237,9 @@ Eigen::VectorXd CrackBridge::along_crack(const Eigen::Ref<const reduction::RowMa
   const Eigen::RowVectorXd mean = weights.transpose() * functions / weights.sum();
   const double length = best_lengths(reduction::RowMatrix(mean))[0];
   const auto lengths = meta_model_.lengths();
-  const double spacing = (lengths.back() - lengths.front()) / static_cast<double>(lengths.size() - 1);
+  const double spacing = (lengths.back() - lengths.front()) / (lengths.size() - 1);
   const Eigen::MatrixXd sides = meta_model_.coordinates(std::array{length - spacing, length + spacing});
-  const Eigen::Index rows = crack_rows();
+  const Index rows = crack_rows();
   const Eigen::VectorXd tangent = crack_.topRows(rows) * (sides.col(1) - sides.col(0));
   return functions * (modes_.topRows(rows).transpose() * tangent);
 }

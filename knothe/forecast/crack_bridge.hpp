@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 
+#include "knothe/base/index.hpp"
 #include "knothe/forecast/crack_meta_model.hpp"
 #include "knothe/forecast/horizon.hpp"
 #include "knothe/forecast/length_curve.hpp"
@@ -75,7 +76,7 @@ class CrackBridge {
   CrackBridge(CrackMetaModel&& meta_model, const Eigen::MatrixXd& coordinates,
               const CrackBridgeOptions& options);
   /// Rows of `crack_` that are not zero.
-  [[nodiscard]] Eigen::Index crack_rows() const { return std::min(crack_.rows(), crack_.cols()); }
+  [[nodiscard]] Index crack_rows() const { return std::min(crack_.rows(), crack_.cols()); }
   /// Predicted displacements of each sample (n × r) in the coordinates of the basis, k × n.
   [[nodiscard]] Eigen::MatrixXd fields_of(const Eigen::Ref<const reduction::RowMatrix>& functions) const;
   /// Each sample's length to first order about that of the mean field, but for a factor and a shift.

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/linear/dense_svd.hpp"
 
 namespace knothe::forecast {
@@ -15,27 +16,27 @@ void check(std::span<const double> lengths, const Eigen::Ref<const Eigen::Matrix
   if (lengths.size() < 4)
     throw DataError(
         fmt::format("crack/length: {} crack lengths; a cubic spline needs at least 4", lengths.size()));
-  if (static_cast<std::size_t>(solutions.rows()) != lengths.size() || solutions.cols() == 0)
+  if (solutions.rows() != std::ssize(lengths) || solutions.cols() == 0)
     throw DataError(
         fmt::format("crack solutions: shape [{}, {}], but there are {} crack lengths and at least one "
                     "observed dof is needed",
                     solutions.rows(), solutions.cols(), lengths.size()));
-  for (std::size_t i = 0; i < lengths.size(); ++i) {
+  for (Index i = 0; i < std::ssize(lengths); ++i) {
     if (!std::isfinite(lengths[i]) || (i > 0 && lengths[i] <= lengths[i - 1]))
       throw DataError(fmt::format("crack/length[{}] = {}: lengths must be finite and strictly increasing", i,
                                   lengths[i]));
   }
-  for (Eigen::Index i = 0; i < solutions.rows(); ++i)
-    for (Eigen::Index j = 0; j < solutions.cols(); ++j)
+  for (Index i = 0; i < solutions.rows(); ++i)
+    for (Index j = 0; j < solutions.cols(); ++j)
       if (!std::isfinite(solutions(i, j)))
         throw DataError(fmt::format("crack solutions[{},{}] is not finite", i, j));
 }
 
 /// Smallest number of modes that leaves out at most `tolerance` of the whole, in the Frobenius norm.
-Eigen::Index modes_for(const Eigen::VectorXd& singular_values, double tolerance) {
+Index modes_for(const Eigen::VectorXd& singular_values, double tolerance) {
   const double allowed = tolerance * singular_values.norm();
   double left_out = 0.0;
-  Eigen::Index modes = singular_values.size();
+  Index modes = singular_values.size();
   while (modes > 1) {
     left_out = std::hypot(left_out, singular_values[modes - 1]);
     if (left_out > allowed) break;
@@ -52,15 +53,14 @@ CrackMetaModel::CrackMetaModel(std::span<const double> lengths,
   // Transposed against the paper (one row per length): solutions = V D Uᵀ.
   const numerics::DenseSvd svd = numerics::dense_svd(solutions);
   singular_values_ = svd.values;
-  const Eigen::Index modes = modes_for(singular_values_, relative_tolerance);
+  const Index modes = modes_for(singular_values_, relative_tolerance);
   space_ = svd.right.leftCols(modes) * singular_values_.head(modes).asDiagonal();
   coefficients_ = (basis_.coefficients_from_values() * svd.left.leftCols(modes)).transpose();
 }
 
 Eigen::MatrixXd CrackMetaModel::coordinates(std::span<const double> lengths) const {
-  Eigen::MatrixXd result(modes(), static_cast<Eigen::Index>(lengths.size()));
-  for (Eigen::Index j = 0; j < result.cols(); ++j)
-    evaluate(lengths[static_cast<std::size_t>(j)], result.col(j));
+  Eigen::MatrixXd result(modes(), std::ssize(lengths));
+  for (Index j = 0; j < result.cols(); ++j) evaluate(lengths[j], result.col(j));
   return result;
 }
 

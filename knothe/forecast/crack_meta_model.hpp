@@ -4,6 +4,7 @@
 #include <span>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/functions/cubic_spline.hpp"
 
 namespace knothe::forecast {
@@ -19,8 +20,8 @@ class CrackMetaModel {
   CrackMetaModel(std::span<const double> lengths, const Eigen::Ref<const Eigen::MatrixXd>& solutions,
                  double relative_tolerance = 1e-6);
 
-  [[nodiscard]] Eigen::Index modes() const { return space_.cols(); }  ///< N_SVD
-  [[nodiscard]] Eigen::Index observations() const { return space_.rows(); }
+  [[nodiscard]] Index modes() const { return space_.cols(); }  ///< N_SVD
+  [[nodiscard]] Index observations() const { return space_.rows(); }
   [[nodiscard]] std::span<const double> lengths() const { return lengths_; }
   /// σ_k u_k at the observed dofs, n_obs × N_SVD.
   [[nodiscard]] const Eigen::MatrixXd& space() const { return space_; }

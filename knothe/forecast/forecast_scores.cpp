@@ -4,13 +4,14 @@
 #include <cassert>
 #include <cmath>
 
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::forecast {
 namespace {
 
-constexpr Eigen::Index k_samples = 256;  ///< a forecast is thinned to so many
+constexpr Index k_samples = 256;  ///< a forecast is thinned to so many
 
 /// E|X| of X ~ N(mean, std²).
 double mean_distance(double mean, double std) {
@@ -26,13 +27,13 @@ Score score_samples(std::span<const double> samples, std::span<const double> wei
   // E|X − y| − ½ E|X − X'|.
   double total = 0, to_observed = 0, spread = 0;
   Score score;
-  for (std::size_t i = 0; i < samples.size(); ++i) {
+  for (Index i = 0; i < std::ssize(samples); ++i) {
     total += weights[i];
     to_observed += weights[i] * mean_distance(observed - samples[i], noise_std);
     score.probability += weights[i] * numerics::normal_cdf((observed - samples[i]) / noise_std);
     const double both = std::sqrt(2.0) * noise_std;
     spread += 0.5 * weights[i] * weights[i] * mean_distance(0, both);
-    for (std::size_t j = 0; j < i; ++j)
+    for (Index j = 0; j < i; ++j)
       spread += weights[i] * weights[j] * mean_distance(samples[i] - samples[j], both);
   }
   score.crps = to_observed / total - spread / (total * total);
@@ -41,20 +42,18 @@ Score score_samples(std::span<const double> samples, std::span<const double> wei
 }
 
 void ForecastScores::wait_for(const std::string& name, const std::string& units,
-                              const reduction::ObservedModel& model, Eigen::Index row, std::size_t time_index,
+                              const reduction::ObservedModel& model, Index row, std::size_t time_index,
                               double std) {
   const Eigen::VectorXd coefficients = (model.space.row(row) * model.core[time_index]).transpose();
-  waiting_.push_back(
-      {name,
-       units,
-       QuantityOfInterest(model.functions, model.lift(row, static_cast<Eigen::Index>(time_index)),
-                          coefficients, 0),
-       row,
-       time_index,
-       model.time[time_index],
-       std,
-       {},
-       std::nullopt});
+  waiting_.push_back({name,
+                      units,
+                      QuantityOfInterest(model.functions, model.lift(row, time_index), coefficients, 0),
+                      row,
+                      time_index,
+                      model.time[time_index],
+                      std,
+                      {},
+                      std::nullopt});
 }
 
 std::vector<ScoredForecast> ForecastScores::look(std::size_t step, std::size_t time_index,

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/forecast/quantity_of_interest.hpp"
 #include "knothe/reduction/observe/observed_model.hpp"
 
@@ -43,7 +44,7 @@ class ForecastScores {
   /// `model`: at the times and with the rows of the data. `row` and `time_index`: where the quantity of the
   /// forecast `name` is measured, with noise `std`.
   void wait_for(const std::string& name, const std::string& units, const reduction::ObservedModel& model,
-                Eigen::Index row, std::size_t time_index, double std);
+                Index row, std::size_t time_index, double std);
   [[nodiscard]] bool empty() const { return waiting_.empty(); }
 
   /// The datum of `step` at `time_index`: what has come true with it, of the forecasts made after earlier
@@ -66,7 +67,7 @@ class ForecastScores {
   struct Waiting {
     std::string name, units;
     QuantityOfInterest quantity;
-    Eigen::Index row;
+    Index row;
     std::size_t time_index;
     double time, std;
     std::vector<Kept> kept;

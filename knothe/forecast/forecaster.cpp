@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/reduction/model/spline_functions.hpp"
@@ -22,7 +23,7 @@ constexpr double k_min_discrepancy = 1e-12;  ///< m; where the predicted fields 
 constexpr double k_same_time = 1e-9;
 
 LinearPrediction at_step(const ObservedModel& model, std::size_t step) {
-  return {model.lift.col(static_cast<Eigen::Index>(step)), model.space * model.core[step]};
+  return {model.lift.col(step), model.space * model.core[step]};
 }
 
 LinearPrediction at_horizon(const ObservedModel& model, const ForecastSpecification& specification) {
@@ -70,8 +71,8 @@ double imposed_displacement(const SeparatedModel& model, const ForecastSpecifica
 /// δ, from few draws: it varies little from one point of a posterior to the next.
 double estimated_discrepancy(const CrackBridge& bridge, const reduction::RowMatrix& functions,
                              const Eigen::Ref<const Eigen::VectorXd>& weights) {
-  constexpr Eigen::Index k_draws = 64;
-  const Eigen::Index n = std::min(k_draws, functions.rows());
+  constexpr Index k_draws = 64;
+  const Index n = std::min(k_draws, functions.rows());
   const reduction::RowMatrix drawn = functions(numerics::equal_draws(weights, n), Eigen::all);
   return std::max(bridge.update(drawn, Eigen::VectorXd::Ones(n)).discrepancy_std, k_min_discrepancy);
 }
@@ -114,9 +115,9 @@ void Forecaster::add_crack(const SeparatedModel& model, const reduction::Dofs& s
                     "`knothe offline` and offline.crack_lengths > 0",
                     model.where(), specification.name));
   }
-  const auto n_dof = static_cast<Eigen::Index>(model.dof_count());
-  const auto n_modes = static_cast<Eigen::Index>(crack.modes.size()) / n_dof;
-  const auto n_lengths = static_cast<Eigen::Index>(crack.length.size());
+  const Index n_dof = model.dof_count();
+  const auto n_modes = std::ssize(crack.modes) / n_dof;
+  const auto n_lengths = std::ssize(crack.length);
   const reduction::ObservationOperator observation(model.contents().dofs, model.contents().mesh,
                                                    model.where(), seen);
   const Eigen::MatrixXd observed_modes =

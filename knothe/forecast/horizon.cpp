@@ -6,13 +6,13 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 
 namespace knothe::forecast {
 
 TimePosition locate_horizon(std::span<const double> times, double horizon, const std::string& name) {
   if (times.empty()) throw DataError("the model has no times");
-  const double step =
-      times.size() > 1 ? (times.back() - times.front()) / static_cast<double>(times.size() - 1) : 1.0;
+  const double step = times.size() > 1 ? (times.back() - times.front()) / (times.size() - 1) : 1.0;
   const double slack = 1e-6 * step;
   if (!(horizon >= times.front() - slack && horizon <= times.back() + slack)) {
     const bool late = horizon > times.back();
@@ -23,7 +23,7 @@ TimePosition locate_horizon(std::span<const double> times, double horizon, const
                     name, horizon, times.front(), times.back(), late ? times.back() : times.front()));
   }
   const auto after = std::lower_bound(times.begin(), times.end(), horizon);
-  const std::size_t upper = std::min(static_cast<std::size_t>(after - times.begin()), times.size() - 1);
+  const std::size_t upper = std::min<std::size_t>(after - times.begin(), times.size() - 1);
   const std::size_t lower = upper > 0 ? upper - 1 : 0;
   if (std::abs(times[upper] - horizon) <= slack) return {upper, upper, 0.0};
   if (std::abs(times[lower] - horizon) <= slack) return {lower, lower, 0.0};
@@ -44,14 +44,14 @@ FunctionMoments moments_of_functions(const Eigen::Ref<const reduction::RowMatrix
     throw NumericalError("forecast: weights must be non-negative, one per point, with a positive sum");
   FunctionMoments moments;
   moments.mean = functions.transpose() * weights / total;
-  const Eigen::Index r = functions.cols();
+  const Index r = functions.cols();
   moments.covariance = Eigen::MatrixXd::Zero(r, r);
   // Blocks of points that stay in cache; centred before squaring, so that narrow posteriors keep their
   // digits.
-  constexpr Eigen::Index block = 128;
+  constexpr Index block = 128;
   reduction::RowMatrix centred(std::min(block, functions.rows()), r);
-  for (Eigen::Index begin = 0; begin < functions.rows(); begin += block) {
-    const Eigen::Index n = std::min(block, functions.rows() - begin);
+  for (Index begin = 0; begin < functions.rows(); begin += block) {
+    const Index n = std::min(block, functions.rows() - begin);
     centred.topRows(n) =
         (functions.middleRows(begin, n).rowwise() - moments.mean.transpose()).array().colwise() *
         (weights.segment(begin, n).array() / total).sqrt();

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 
 namespace knothe::forecast {
 namespace {
@@ -32,7 +33,7 @@ std::pair<double, double> moments(const std::vector<double>& points, const std::
   constexpr int k_parts = 16;  // of each interval: kinks are anywhere
   double mass = 0, first = 0, second = 0;
   const double origin = value(points.front());
-  for (std::size_t i = 0; i + 1 < points.size(); ++i)
+  for (Index i = 0; i + 1 < std::ssize(points); ++i)
     for (int part = 0; part < k_parts; ++part) {
       const double share = (part + 0.5) / k_parts;
       const double here = value(std::lerp(points[i], points[i + 1], share)) - origin;
@@ -46,7 +47,7 @@ std::pair<double, double> moments(const std::vector<double>& points, const std::
 }  // namespace
 
 LengthCurve::LengthCurve(Points points) : points_(std::move(points)) {
-  for (std::size_t i = 0; i < points_.size(); ++i)
+  for (Index i = 0; i < std::ssize(points_); ++i)
     for (std::size_t k = 0; k < 2; ++k)
       if (!std::isfinite(points_[i][k]) || (i > 0 && points_[i][k] <= points_[i - 1][k]))
         throw ProjectError(fmt::format(
@@ -72,12 +73,12 @@ ScalarForecast LengthCurve::operator()(ScalarForecast forecast) const {
   const auto [meant_mean, meant_std] = moments(elastic, forecast.density, *this);
   forecast.mean += meant_mean - mean;
   forecast.std *= meant_std / std;
-  for (std::size_t i = 0; i < elastic.size(); ++i) {
-    const std::size_t low = i > 0 ? i - 1 : i, high = std::min(i + 1, elastic.size() - 1);
+  for (Index i = 0; i < std::ssize(elastic); ++i) {
+    const Index low = i > 0 ? i - 1 : i, high = std::min(i + 1, std::ssize(elastic) - 1);
     forecast.density[i] *= (elastic[high] - elastic[low]) / (forecast.points[high] - forecast.points[low]);
   }
   const auto most = std::max_element(forecast.density.begin(), forecast.density.end());
-  forecast.maximum_a_posteriori = forecast.points[static_cast<std::size_t>(most - forecast.density.begin())];
+  forecast.maximum_a_posteriori = forecast.points[most - forecast.density.begin()];
   return forecast;
 }
 

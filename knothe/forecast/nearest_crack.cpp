@@ -5,10 +5,10 @@
 #include <cmath>
 #include <limits>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::forecast {
 namespace {
-
-using Eigen::Index;
 
 constexpr double k_accuracy = 1e-10;  // m
 constexpr Index k_places = 2;         // of the first pass in one piece
@@ -58,21 +58,21 @@ NearestCrack::NearestCrack(const CrackMetaModel& meta_model, const Eigen::Ref<co
     : fields_(factor * meta_model.coefficients()) {
   const numerics::CubicSplineBasis& basis = meta_model.basis();
   const auto breaks = basis.breaks();
-  for (std::size_t j = 0; j + 1 < breaks.size(); ++j) {
+  for (Index j = 0; j + 1 < std::ssize(breaks); ++j) {
     const auto& by_power = basis.pieces()[j];
-    const auto fields = fields_.middleCols<4>(static_cast<Index>(j));
+    const auto fields = fields_.middleCols<4>(j);
     Piece piece{breaks[j], breaks[j + 1] - breaks[j], {}, {}, {}, {}, {}};
     Eigen::Matrix4d powers;  // of s, a column for each
     for (Index k = 0; k < 4; ++k) {
-      powers.col(k) = Eigen::Map<const Eigen::Vector4d>(by_power[static_cast<std::size_t>(k)].data());
-      if (k > 0) piece.slope.row(k - 1) = static_cast<double>(k) * powers.col(k).transpose();
+      powers.col(k) = Eigen::Map<const Eigen::Vector4d>(by_power[k].data());
+      if (k > 0) piece.slope.row(k - 1) = k * powers.col(k).transpose();
     }
     const Eigen::Matrix4d gram = powers.transpose() * (fields.transpose() * fields) * powers;
     piece.own_slope.setZero();
     for (Index a = 0; a < 4; ++a)
-      for (Index b = 1; b < 4; ++b) piece.own_slope[a + b - 1] += static_cast<double>(b) * gram(a, b);
+      for (Index b = 1; b < 4; ++b) piece.own_slope[a + b - 1] += b * gram(a, b);
     for (Index k = 0; k < k_places; ++k) {
-      const double s = (static_cast<double>(k) + 0.5) / k_places * piece.width;
+      const double s = (k + 0.5) / k_places * piece.width;
       piece.places[k] = s;
       piece.basis.row(k) = (powers * Eigen::Vector4d(1, s, s * s, s * s * s)).transpose();
       piece.half_square[k] = 0.5 * (fields * piece.basis.row(k).transpose()).squaredNorm();
@@ -92,15 +92,13 @@ Eigen::VectorXd NearestCrack::lengths(const Eigen::Ref<const Eigen::MatrixXd>& t
     least.fill(std::numeric_limits<double>::infinity());
     best.fill(0);
     double number = 0;
-    for (std::size_t j = 0; j < pieces_.size(); ++j) {
-      const double* p = products.data() + static_cast<Index>(j) * stride + begin;
+    for (Index j = 0; j < std::ssize(pieces_); ++j) {
+      const double* p = products.data() + j * stride + begin;
       for (Index k = 0; k < k_places; ++k, ++number)
         update_least(pieces_[j].half_square[k], pieces_[j].basis.row(k), p, stride, number, n, least.data(),
                      best.data());
     }
-    for (Index i = 0; i < n; ++i)
-      lengths[begin + i] =
-          minimum_near(static_cast<Index>(best[static_cast<std::size_t>(i)]), products.row(begin + i));
+    for (Index i = 0; i < n; ++i) lengths[begin + i] = minimum_near(best[i], products.row(begin + i));
   }
   return lengths;
 }
@@ -108,10 +106,10 @@ Eigen::VectorXd NearestCrack::lengths(const Eigen::Ref<const Eigen::MatrixXd>& t
 double NearestCrack::minimum_near(Index best, const Products& products) const {
   const auto slope_on = [&](std::size_t j) {
     Slope slope{pieces_[j].own_slope};
-    slope.c.head<3>() -= pieces_[j].slope * products.segment<4>(static_cast<Index>(j)).transpose();
+    slope.c.head<3>() -= pieces_[j].slope * products.segment<4>(j).transpose();
     return slope;
   };
-  auto j = static_cast<std::size_t>(best / k_places);
+  std::size_t j = best / k_places;
   const Index place = best % k_places;
   Slope slope = slope_on(j);
   const double here = pieces_[j].places[place];

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/forecast/crack_meta_model.hpp"
 
 namespace knothe::forecast {
@@ -29,7 +30,7 @@ class NearestCrack {
   };
   /// The minimum next to place `best` of the first pass, counted over all pieces. `products`: Fᵀt.
   using Products = Eigen::Ref<const Eigen::RowVectorXd, 0, Eigen::InnerStride<>>;
-  [[nodiscard]] double minimum_near(Eigen::Index best, const Products& products) const;
+  [[nodiscard]] double minimum_near(Index best, const Products& products) const;
 
   Eigen::MatrixXd fields_;  ///< F, N × number of basis functions
   std::vector<Piece> pieces_;

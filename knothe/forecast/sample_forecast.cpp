@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/forecast/scalar_forecast.hpp"
 #include "knothe/numerics/statistics/kernel_density.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
@@ -36,12 +37,12 @@ struct Binned {
 };
 Binned bin(std::span<const double> x, std::span<const double> w, double low, double high, double width) {
   const int bins = static_cast<int>(std::clamp(8 * (high - low) / width, 1.0, 1024.0)) + 1;
-  Binned binned{even_points(low, high, bins), std::vector<double>(static_cast<std::size_t>(bins), 0.0), 0};
+  Binned binned{even_points(low, high, bins), std::vector<double>(bins, 0.0), 0};
   const double scale = high > low ? (bins - 1) / (high - low) : 0.0;
   double total = 0, spread = 0;
-  for (std::size_t i = 0; i < x.size(); ++i) {
+  for (Index i = 0; i < std::ssize(x); ++i) {
     const double place = (x[i] - low) * scale;
-    const int left = std::min(static_cast<int>(place), bins - 2);
+    const int left = std::min<int>(place, bins - 2);
     const double share = std::clamp(place - left, 0.0, 1.0);  // rounding
     binned.weights[left] += (1 - share) * w[i];
     binned.weights[left + 1] += share * w[i];
@@ -55,7 +56,7 @@ Binned bin(std::span<const double> x, std::span<const double> w, double low, dou
 /// P(x + e ≤ value), of samples that share a weight of `total` and errors e of the kernel.
 double probability_below(double value, const Binned& samples, double total) {
   double sum = 0.0;
-  for (std::size_t i = 0; i < samples.points.size(); ++i) {
+  for (Index i = 0; i < std::ssize(samples.points); ++i) {
     if (samples.weights[i] > 0.0)
       sum += samples.weights[i] * numerics::normal_cdf((value - samples.points[i]) / samples.kernel_std);
   }
@@ -66,7 +67,7 @@ double probability_below(double value, const Binned& samples, double total) {
 void add_error(const Binned& samples, double total, double std, double threshold, ScalarForecast& forecast) {
   constexpr double k_tails = 9.0;
   forecast.std = std::hypot(forecast.std, std);
-  for (std::size_t k = 0; k < k_quantile_levels.size(); ++k) {
+  for (Index k = 0; k < std::ssize(k_quantile_levels); ++k) {
     const auto excess = [&](double value) {
       return probability_below(value, samples, total) - k_quantile_levels[k];
     };
@@ -83,8 +84,7 @@ void add_error(const Binned& samples, double total, double std, double threshold
 /// Top of a density known at even points: the top of the parabola through the largest value and its
 /// neighbours.
 double top_of(const std::vector<double>& points, const std::vector<double>& density) {
-  const auto best =
-      static_cast<std::size_t>(std::max_element(density.begin(), density.end()) - density.begin());
+  const std::size_t best = std::max_element(density.begin(), density.end()) - density.begin();
   if (best == 0 || best + 1 == points.size()) return points[best];
   const double curvature = density[best - 1] - 2.0 * density[best] + density[best + 1];
   if (!(curvature < 0.0)) return points[best];
@@ -100,8 +100,8 @@ ScalarForecast forecast_of_samples(const Eigen::Ref<const Eigen::VectorXd>& valu
   check(values, weights);
   if (!(error_std >= 0.0) || !std::isfinite(error_std))
     throw NumericalError("forecast: the model's error must have a standard deviation that is not negative");
-  const std::span<const double> x(values.data(), static_cast<std::size_t>(values.size()));
-  const std::span<const double> w(weights.data(), static_cast<std::size_t>(weights.size()));
+  const std::span<const double> x(values.data(), values.size());
+  const std::span<const double> w(weights.data(), weights.size());
   const double total = weights.sum();
   ScalarForecast result;
   result.mean = weights.dot(values) / total;
@@ -122,7 +122,7 @@ ScalarForecast forecast_of_samples(const Eigen::Ref<const Eigen::VectorXd>& valu
   result.density = numerics::kernel_density(binned.points, binned.weights, binned.kernel_std, result.points);
   const auto best = std::max_element(result.density.begin(), result.density.end()) - result.density.begin();
   const double spacing = result.points[1] - result.points[0];
-  const double centre = result.points[static_cast<std::size_t>(best)];
+  const double centre = result.points[best];
   const std::vector<double> near = even_points(centre - spacing, centre + spacing, 33);
   result.maximum_a_posteriori =
       top_of(near, numerics::kernel_density(binned.points, binned.weights, binned.kernel_std, near));

@@ -11,6 +11,7 @@
 #include "knothe/assimilation/select/run_selection.hpp"
 #include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/mechanics/full_order/beam_simulator.hpp"
 #include "knothe/offline/grid_solving.hpp"
@@ -26,7 +27,6 @@ using assimilation::Prior;
 using assimilation::RunSelectionOptions;
 using assimilation::RunSelectionStep;
 using assimilation::SelectedRuns;
-using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using reduction::Snapshots;
@@ -69,9 +69,9 @@ class ObservedRuns {
       return std::binary_search(some.begin(), some.end(), n);
     };
     computed_ += found.computed.size() + found.failed.size();
-    const auto count = static_cast<Index>(points.size());
+    const auto count = std::ssize(points);
     MatrixXd result = MatrixXd::Constant(count, std::max<Index>(columns_, 1), std::nan(""));
-    for (std::size_t n = 0; n < points.size(); ++n) {
+    for (Index n = 0; n < std::ssize(points); ++n) {
       if (is_in(found.failed, n)) continue;
       const simulator::FinishedRun run = simulator::read_run(found.runs[n]);
       if (is_first()) report_run({points[n], !is_in(found.computed, n), run.record}, output_);
@@ -81,7 +81,7 @@ class ObservedRuns {
         columns_ = row.size();
         result.setConstant(count, columns_, std::nan(""));
       }
-      result.row(static_cast<Index>(n)) = row.transpose();
+      result.row(n) = row.transpose();
       runs_.push_back(found.runs[n]);
     }
     return result;
@@ -127,13 +127,12 @@ class ObservedRuns {
           fmt::format("{}: this solution has {} values at {} times, the first one {} at {}, or "
                       "other times: all must have the same",
                       file, solution.values.size(), solution.time.size(), size_, frame_.time.size()));
-    const auto count = static_cast<Index>(problem_->dofs.size());
+    const auto count = std::ssize(problem_->dofs);
     const std::size_t times = solution.time.size(), dofs = solution.dof_count();
-    VectorXd result(count * static_cast<Index>(times));
+    VectorXd result(count * times);
     for (std::size_t t = 0; t < times; ++t)
       for (Index k = 0; k < count; ++k)
-        result[static_cast<Index>(t) * count + k] =
-            solution.values[t * dofs + problem_->dofs[static_cast<std::size_t>(k)]] / problem_->noise_std[k];
+        result[t * count + k] = solution.values[t * dofs + problem_->dofs[k]] / problem_->noise_std[k];
     return result;
   }
 
@@ -176,8 +175,7 @@ class RoundReport {
       rest = fmt::format("; about {} more", counted(more, "run"));
       const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start_;
       if (runs_.computed() > 0)
-        rest += fmt::format(", {}", duration(elapsed.count() / static_cast<double>(runs_.computed()) *
-                                             static_cast<double>(more)));
+        rest += fmt::format(", {}", duration(elapsed.count() / runs_.computed() * more));
     }
     fmt::print(stderr,
                "{} runs, degrees {}: posterior shift {:.3g} std expected, {:.3g} at held-out runs{}\n",
@@ -207,7 +205,7 @@ std::vector<reduction::Axis> model_axes(const SelectedRuns& selected, const std:
   constexpr double k_share = 0.3;
   choose_nodes(selected.interpolation,
                {.error = [&](const auto& missed) { return shift.of_factors(missed); },
-                .allowed = k_share * wanted / std::sqrt(static_cast<double>(axes.size()))},
+                .allowed = k_share * wanted / std::sqrt(axes.size())},
                axes);
   return axes;
 }
@@ -229,7 +227,7 @@ void require_small(const Snapshots& frame, const Snapshots& first) {
   constexpr double k_max_numbers = 1.5e8;  // numbers
   const std::size_t values =
       std::max(k_functions, std::min(first.values.size(), k_directions * frame.time.size()));
-  if (static_cast<double>(frame.grid_size()) * static_cast<double>(values) <= k_max_numbers) return;
+  if (static_cast<double>(frame.grid_size()) * values <= k_max_numbers) return;
   throw NumericalError(fmt::format(
       "[offline.adaptive]: all runs are made, but the splines of the model need a grid of {} points, which "
       "does not fit in memory: ask for a larger grid_shift, a smaller box or fewer parameters (finished runs "
@@ -258,10 +256,10 @@ SolvedGrid solve_adaptive_grid(const project::Project& project, simulator::Simul
   const std::vector<reduction::Axis> axes = parameter_axes(project);
   const std::vector<Prior> priors = priors_of(project, axes);
   const RunSelectionOptions options = selection_options(*project.offline);
-  VectorXd lower(static_cast<Index>(axes.size())), upper(lower.size());
-  for (std::size_t i = 0; i < axes.size(); ++i) {
-    lower[static_cast<Index>(i)] = axes[i].nodes.front();
-    upper[static_cast<Index>(i)] = axes[i].nodes.back();
+  VectorXd lower(std::ssize(axes)), upper(lower.size());
+  for (Index i = 0; i < std::ssize(axes); ++i) {
+    lower[i] = axes[i].nodes.front();
+    upper[i] = axes[i].nodes.back();
   }
   ObservedRuns runs(project, solver, parts_folder, output);
   const SelectedRuns selected =

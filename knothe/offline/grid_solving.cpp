@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/mechanics/distributed/ranks.hpp"
 #include "knothe/mechanics/full_order/beam_simulator.hpp"
@@ -45,7 +46,7 @@ Options latin_options(const OfflineOptions& project) {
   Options options;
   if (project.latin_accuracy) options.accuracy = *project.latin_accuracy;
   options.window = project.latin_window;
-  options.threads = static_cast<std::size_t>(project.processes);
+  options.threads = project.processes;
   options.quiet = false;
   return options;
 }
@@ -149,7 +150,7 @@ simulator::RunGrid finer(simulator::RunGrid grid, const reduction::Snapshots& sn
 void remove_outside(const std::vector<reduction::Axis>& axes,
                     std::vector<reduction::OffGridSolution>& solutions) {
   std::erase_if(solutions, [&](const reduction::OffGridSolution& solution) {
-    for (std::size_t i = 0; i < axes.size(); ++i)
+    for (Index i = 0; i < std::ssize(axes); ++i)
       if (solution.parameters[i] < axes[i].nodes.front() || solution.parameters[i] > axes[i].nodes.back())
         return true;
     return false;
@@ -232,7 +233,7 @@ std::vector<reduction::OffGridSolution> solve_off_grid(simulator::Simulator& sol
   grid.label = "off-grid runs";
   const simulator::PointRuns found = run_points(solver, grid, off_grid_points(grid.axes), share);
   std::vector<reduction::Snapshots> solutions;
-  for (std::size_t i = 0; i < found.runs.size(); ++i)
+  for (Index i = 0; i < std::ssize(found.runs); ++i)
     if (!std::binary_search(found.failed.begin(), found.failed.end(), i))
       solutions.push_back(simulator::read_run(found.runs[i]).solution);
   return simulator::fields_of(std::move(solutions));

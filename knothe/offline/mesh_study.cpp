@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/offline/problem.hpp"
@@ -47,7 +48,7 @@ struct Difference {
 Difference difference(const Run& run, const Run& finer) {
   double square = 0, scale = 0;
   Difference result;
-  for (std::size_t i = 0; i < run.force.size(); ++i) {
+  for (Index i = 0; i < std::ssize(run.force); ++i) {
     const double gap = run.force[i] - finer.force[i];
     square += gap * gap;
     scale += finer.force[i] * finer.force[i];
@@ -69,9 +70,9 @@ Run compute(mechanics::BeamProblem problem, DamageRegularisation law, double ele
   problem.solver.regularisation.kind = law;
   mechanics::FullOrderModel model = mechanics::make_full_order_model(problem);
   Progress progress(fmt::format("{}, elements of {:g} mm", to_text(law), 1e3 * element),
-                    static_cast<std::size_t>(problem.solver.steps));
-  const mechanics::FullOrderResult result = model.run(
-      problem.reference, [&](int step) { progress.advance_to(static_cast<std::size_t>(step) + 1); });
+                    problem.solver.steps);
+  const mechanics::FullOrderResult result =
+      model.run(problem.reference, [&](int step) { progress.advance_to(step + 1); });
   Run run;
   run.element = element;
   run.dofs = model.structure().dof_count();
@@ -88,13 +89,12 @@ Run compute(mechanics::BeamProblem problem, DamageRegularisation law, double ele
   run.cpu = result.cpu_seconds;
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
-  run.memory = static_cast<double>(usage.ru_maxrss) / 1024;
+  run.memory = usage.ru_maxrss / 1024.0;
   return run;
 }
 
 void report(DamageRegularisation law, const Run& run, const files::CommandOutput& output) {
-  const auto peak =
-      static_cast<std::size_t>(std::max_element(run.force.begin(), run.force.end()) - run.force.begin());
+  const std::size_t peak = std::max_element(run.force.begin(), run.force.end()) - run.force.begin();
   output.line(
       {{"law", to_text(law)},
        {"element_m", run.element},
@@ -121,7 +121,7 @@ void report_differences(const std::vector<MeshSeries>& studies, const files::Com
       "\n| law | from | to mm | curve, L2 | curve, largest / peak | dissipated | crack length |\n"
       "| --- | --- | --- | --- | --- | --- | --- |");
   for (const MeshSeries& study : studies)
-    for (std::size_t i = 1; i < study.runs.size(); ++i) {
+    for (Index i = 1; i < std::ssize(study.runs); ++i) {
       const Run &run = study.runs[i - 1], &finer = study.runs[i];
       const Difference d = difference(run, finer);
       output.line({{"law", to_text(study.law)},
@@ -152,7 +152,7 @@ std::string title_of(DamageRegularisation law) {
 void draw(const std::vector<MeshSeries>& studies, const std::string& path) {
   report::Figure figure;
   figure.title = "Load against displacement on several meshes, by regularisation";
-  figure.columns = static_cast<int>(studies.size());
+  figure.columns = studies.size();
   figure.plot_width = 400;
   for (const MeshSeries& study : studies) {
     report::Plot plot(title_of(study.law), {.label = "imposed displacement (mm)"}, {.label = "force (N)"});

@@ -64,8 +64,8 @@ SolvedGrid solve(const project::Project& project, simulator::Simulator& solver, 
 simulator::JobShare parse_share(const std::string& text) {
   simulator::JobShare share;
   int end = 0;
-  if (std::sscanf(text.c_str(), "%d/%d%n", &share.rank, &share.size, &end) != 2 ||
-      static_cast<std::size_t>(end) != text.size() || share.rank < 0 || share.rank >= share.size)
+  if (std::sscanf(text.c_str(), "%d/%d%n", &share.rank, &share.size, &end) != 2 || end != std::ssize(text) ||
+      share.rank < 0 || share.rank >= share.size)
     throw UsageError(fmt::format(
         "--share {}: it is I/N, share I of N, counted from 0: 0/4, 1/4, 2/4 and 3/4 are all runs", text));
   return share;
@@ -83,9 +83,7 @@ void make_share(const project::Project& project, simulator::Simulator& solver, c
   simulator::RunGrid grid = run_grid_of(project, parts);
   std::vector<std::vector<double>> points = points_of(grid), own;
   for (auto& point : off_grid_points(grid.axes)) points.push_back(std::move(point));
-  for (auto i = static_cast<std::size_t>(share.rank); i < points.size();
-       i += static_cast<std::size_t>(share.size))
-    own.push_back(points[i]);
+  for (std::size_t i = share.rank; i < points.size(); i += share.size) own.push_back(points[i]);
   std::size_t computed = 0;
   if (!own.empty()) computed = simulator::run_points(solver, grid, own).computed.size();
   output.line({{"done", true}, {"share", options.share}, {"runs", own.size()}, {"computed", computed}},

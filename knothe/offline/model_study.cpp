@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/offline/posterior_judge.hpp"
 #include "knothe/offline/problem.hpp"
 #include "knothe/project/simulation.hpp"
@@ -36,11 +37,9 @@ std::shared_ptr<const ObservedModel> uncompressed(const reduction::GridSolutions
 /// Judges by data that `model` predicts at `truth`.
 PosteriorJudge judge_at(const std::shared_ptr<const ObservedModel>& model, const SyntheticProblem& problem,
                         const std::vector<double>& truth) {
-  const Eigen::VectorXd p =
-      Eigen::Map<const Eigen::VectorXd>(truth.data(), static_cast<Eigen::Index>(truth.size()));
-  Eigen::MatrixXd exact(model->observations(), static_cast<Eigen::Index>(model->time.size()));
-  for (Eigen::Index t = 0; t < exact.cols(); ++t)
-    exact.col(t) = model->predict(p, static_cast<std::size_t>(t));
+  const Eigen::VectorXd p = Eigen::Map<const Eigen::VectorXd>(truth.data(), std::ssize(truth));
+  Eigen::MatrixXd exact(model->observations(), std::ssize(model->time));
+  for (Index t = 0; t < exact.cols(); ++t) exact.col(t) = model->predict(p, t);
   return {model, problem, exact};
 }
 

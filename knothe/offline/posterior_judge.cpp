@@ -35,8 +35,7 @@ std::optional<SyntheticProblem> synthetic_problem(const project::Project& projec
   problem.dofs = measured.dofs;
   if (quantities.empty())
     for (const std::size_t dof : problem.dofs) problem.places.add(dofs.point(dof), dofs.components[dof]);
-  problem.noise_std =
-      Eigen::Map<const Eigen::VectorXd>(measured.std.data(), static_cast<Eigen::Index>(measured.std.size()));
+  problem.noise_std = Eigen::Map<const Eigen::VectorXd>(measured.std.data(), std::ssize(measured.std));
   problem.seed = project.simulate->seed;
   return problem;
 }

@@ -7,6 +7,7 @@
 
 #include "knothe/assimilation/data/synthetic_measurements.hpp"
 #include "knothe/assimilation/update/posterior_shift.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/observe/observed_model.hpp"
 
@@ -50,13 +51,11 @@ struct PosteriorJudge {
 template <typename Solution>
 [[nodiscard]] double largest_error(const reduction::ObservedModel& model, const std::vector<double>& p,
                                    Solution&& u) {
-  const Eigen::VectorXd point =
-      Eigen::Map<const Eigen::VectorXd>(p.data(), static_cast<Eigen::Index>(p.size()));
+  const Eigen::VectorXd point = Eigen::Map<const Eigen::VectorXd>(p.data(), std::ssize(p));
   double largest = 0;
-  for (std::size_t step = 0; step < model.time.size(); ++step) {
+  for (Index step = 0; step < std::ssize(model.time); ++step) {
     const Eigen::VectorXd y = model.predict(point, step);
-    for (Eigen::Index i = 0; i < y.size(); ++i)
-      largest = std::max(largest, std::abs(y[i] - u(step, static_cast<std::size_t>(i))));
+    for (Index i = 0; i < y.size(); ++i) largest = std::max(largest, std::abs(y[i] - u(step, i)));
   }
   return largest;
 }

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
 #include "knothe/offline/umbridge_simulator.hpp"
 #include "knothe/simulator/command_simulator.hpp"
@@ -74,13 +75,12 @@ std::vector<std::string> parameter_names(const project::Project& project) {
 
 std::vector<std::vector<double>> points_in_box(const std::vector<reduction::Axis>& axes, int count,
                                                std::uint64_t seed) {
-  const Eigen::MatrixXd unit = numerics::sobol_points(count, static_cast<Eigen::Index>(axes.size()), seed);
-  std::vector<std::vector<double>> points(static_cast<std::size_t>(count));
-  for (std::size_t i = 0; i < points.size(); ++i)
-    for (std::size_t k = 0; k < axes.size(); ++k) {
+  const Eigen::MatrixXd unit = numerics::sobol_points(count, std::ssize(axes), seed);
+  std::vector<std::vector<double>> points(count);
+  for (Index i = 0; i < std::ssize(points); ++i)
+    for (Index k = 0; k < std::ssize(axes); ++k) {
       const std::vector<double>& nodes = axes[k].nodes;
-      points[i].push_back(nodes.front() + unit(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) *
-                                              (nodes.back() - nodes.front()));
+      points[i].push_back(nodes.front() + unit(i, k) * (nodes.back() - nodes.front()));
     }
   return points;
 }

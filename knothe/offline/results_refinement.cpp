@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "knothe/base/index.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/offline/problem.hpp"
 #include "knothe/project/refinement.hpp"
@@ -22,7 +23,7 @@ std::vector<reduction::Snapshots> solutions_at(simulator::Simulator& simulator,
                                                const std::string& folder) {
   std::filesystem::create_directories(folder);
   Progress progress("full-order runs at the posterior", points.size());
-  for (std::size_t i = 0; i < points.size(); ++i) {
+  for (Index i = 0; i < std::ssize(points); ++i) {
     const std::string file = simulator::solution_file(folder, simulator.key(points[i]));
     if (!std::filesystem::exists(file)) reduction::write_snapshots(simulator.solve(points[i]), file);
     progress.advance_to(i + 1);

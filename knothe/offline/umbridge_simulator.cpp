@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/simulator/result_file.hpp"
 
 namespace knothe::offline {
@@ -28,7 +29,7 @@ inference::UmbridgeSettings settings_of(const project::UmbridgeSource& source,
 UmbridgeSimulator::UmbridgeSimulator(project::UmbridgeSource source, std::vector<reduction::Axis> axes)
     : source_(std::move(source)), axes_(std::move(axes)), model_(settings_of(source_, axes_)) {
   const std::size_t times = source_.times.size(), names = source_.names.size();
-  if (static_cast<std::size_t>(model_.dimension()) != axes_.size())
+  if (model_.dimension() != std::ssize(axes_))
     throw DataError(fmt::format("{}: the model has {} inputs, [offline.parameters] {} parameters",
                                 model_.where(), model_.dimension(), axes_.size()));
   if (static_cast<std::size_t>(model_.output_count()) != times * names)
@@ -40,25 +41,24 @@ std::string UmbridgeSimulator::key(std::span<const double> parameters) const {
   std::string text = fmt::format("umbridge {} {} {} | {:a} | {} {}", source_.url, model_.name(),
                                  source_.config, fmt::join(source_.times, " "), fmt::join(source_.names, ","),
                                  fmt::join(source_.units, ","));
-  for (std::size_t i = 0; i < axes_.size(); ++i)
+  for (Index i = 0; i < std::ssize(axes_); ++i)
     text += fmt::format(" | {} {:a}", axes_[i].name, parameters[i] * axes_[i].reference);
   return text;
 }
 
 reduction::Snapshots UmbridgeSimulator::solve(std::span<const double> parameters) {
-  Eigen::MatrixXd point(static_cast<Eigen::Index>(axes_.size()), 1), values(model_.output_count(), 1);
-  for (std::size_t i = 0; i < axes_.size(); ++i)
-    point(static_cast<Eigen::Index>(i), 0) = parameters[i] * axes_[i].reference;
+  Eigen::MatrixXd point(std::ssize(axes_), 1), values(model_.output_count(), 1);
+  for (Index i = 0; i < std::ssize(axes_); ++i) point(i, 0) = parameters[i] * axes_[i].reference;
   model_.evaluate(point, values);
   reduction::Snapshots solution;
   solution.axes = axes_;
-  for (std::size_t i = 0; i < axes_.size(); ++i) solution.axes[i].nodes = {parameters[i]};
+  for (Index i = 0; i < std::ssize(axes_); ++i) solution.axes[i].nodes = {parameters[i]};
   solution.field = {"1", "quantities, each in its own unit"};
   solution.time = source_.times;
   solution.values.assign(values.data(), values.data() + values.size());
-  for (std::size_t k = 0; k < source_.names.size(); ++k)
+  for (Index k = 0; k < std::ssize(source_.names); ++k)
     solution.quantities.push_back(
-        {source_.names[k], k < source_.units.size() ? source_.units[k] : std::string("1")});
+        {source_.names[k], k < std::ssize(source_.units) ? source_.units[k] : std::string("1")});
   simulator::settle_units(solution, source_.url);
   return solution;
 }

@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/offline/model_study.hpp"
 #include "knothe/offline/posterior_judge.hpp"
@@ -65,16 +66,14 @@ class ErrorJudge {
   }
 
   [[nodiscard]] Shifts shifts(const reduction::OffGridSolution& solution) const {
-    const auto d = static_cast<Eigen::Index>(solution.parameters.size());
+    const auto d = std::ssize(solution.parameters);
     const Eigen::VectorXd p = Eigen::Map<const Eigen::VectorXd>(solution.parameters.data(), d);
     auto right = std::make_shared<reduction::ObservedModel>(*observed_);
     const std::size_t n_dof = model_.dof_count();
     Eigen::MatrixXd exact(observed_->observations(), observed_->lift.cols());
-    for (Eigen::Index t = 0; t < exact.cols(); ++t) {
-      for (Eigen::Index i = 0; i < exact.rows(); ++i)
-        exact(i, t) =
-            solution.values[static_cast<std::size_t>(t) * n_dof + problem_.dofs[static_cast<std::size_t>(i)]];
-      right->lift.col(t) += exact.col(t) - observed_->predict(p, static_cast<std::size_t>(t));
+    for (Index t = 0; t < exact.cols(); ++t) {
+      for (Index i = 0; i < exact.rows(); ++i) exact(i, t) = solution.values[t * n_dof + problem_.dofs[i]];
+      right->lift.col(t) += exact.col(t) - observed_->predict(p, t);
     }
     const PosteriorJudge judge(right, problem_, exact);
     Shifts shifts{judge.shift(observed_, judge.data.noise), std::nullopt};
@@ -140,7 +139,7 @@ void verify_model(const VerifyOptions& options, const files::CommandOutput& outp
   const reduction::ModelContents scaled_model = scales.scaled(model);
   std::vector<reduction::OffGridSolution> solutions;
   std::optional<Shifts> worst;
-  Progress progress("full-order runs", static_cast<std::size_t>(options.points), output.json());
+  Progress progress("full-order runs", options.points, output.json());
   for (const std::vector<double>& point : points_in_box(model.axes, options.points, options.seed)) {
     reduction::Snapshots solution = full_order->solve(point);
     require_same_model(options, model, solution);

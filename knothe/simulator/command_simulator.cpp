@@ -9,6 +9,7 @@
 #include <mutex>
 #include <optional>
 
+#include "knothe/base/index.hpp"
 #include "knothe/base/program.hpp"
 #include "knothe/base/sha256.hpp"
 #include "knothe/base/text.hpp"
@@ -114,12 +115,11 @@ CommandSimulator::CommandSimulator(CommandOptions options, std::vector<reduction
     (void)filled(text, where, ones);
     std::size_t at = 0;
     while (const auto found = next_placeholder(text, at)) {
-      used[static_cast<std::size_t>(std::find(names_.begin(), names_.end(), found->name) - names_.begin())] =
-          true;
+      used[std::find(names_.begin(), names_.end(), found->name) - names_.begin()] = true;
       at = found->end;
     }
   }
-  for (std::size_t i = 0; i < used.size(); ++i)
+  for (Index i = 0; i < std::ssize(used); ++i)
     if (!used[i])
       throw ProjectError(
           fmt::format("[offline.command]: the parameter {0} is in no template and not in "
@@ -134,13 +134,12 @@ std::string CommandSimulator::filled(const std::string& text, const std::string&
   std::size_t at = 0;
   while (const auto found = next_placeholder(text, at)) {
     const auto name = std::find(names_.begin(), names_.end(), found->name);
-    const auto line =
-        1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(found->begin), '\n');
+    const auto line = 1 + std::count(text.begin(), text.begin() + found->begin, '\n');
     if (name == names_.end())
       throw ProjectError(fmt::format("{}: line {}: {{{{{}}}}} is no parameter{}; [offline.parameters] has {}",
                                      where, line, found->name, did_you_mean(found->name, names_),
                                      fmt::join(names_, ", ")));
-    const auto i = static_cast<std::size_t>(name - names_.begin());
+    const std::size_t i = name - names_.begin();
     result += text.substr(at, found->begin - at);
     result +=
         formatted(parameters[i] * axes_[i].reference, found->format, fmt::format("{}: line {}", where, line));
@@ -151,7 +150,7 @@ std::string CommandSimulator::filled(const std::string& text, const std::string&
 
 std::string CommandSimulator::key(std::span<const double> parameters) const {
   std::string text = identity_;
-  for (std::size_t i = 0; i < axes_.size(); ++i)
+  for (Index i = 0; i < std::ssize(axes_); ++i)
     text += fmt::format(" | {} {:a}", axes_[i].name, parameters[i] * axes_[i].reference);
   return text;
 }
@@ -159,7 +158,7 @@ std::string CommandSimulator::key(std::span<const double> parameters) const {
 reduction::Snapshots CommandSimulator::attempt(std::span<const double> parameters) const {
   const std::string folder = make_folder(folder_);
   for (const std::string& path : options_.files) link_into(folder, path);
-  for (std::size_t i = 0; i < templates_.size(); ++i) {
+  for (Index i = 0; i < std::ssize(templates_); ++i) {
     const std::string name = fs::path(options_.templates[i]).filename().string();
     files::write_text_atomically(folder + "/" + name,
                                  filled(templates_[i], options_.templates[i], parameters));
@@ -181,7 +180,7 @@ reduction::Snapshots CommandSimulator::attempt(std::span<const double> parameter
     solution = read_result(options_.result, folder);
     if (!solution.quantities.empty()) solution.field = {"1", "quantities, each in its own unit"};
     solution.axes = axes_;
-    for (std::size_t i = 0; i < axes_.size(); ++i) solution.axes[i].nodes = {parameters[i]};
+    for (Index i = 0; i < std::ssize(axes_); ++i) solution.axes[i].nodes = {parameters[i]};
     reduction::validate(solution, options_.result.field, 1);
     if (solution.dofs.empty() && solution.quantities.empty())
       throw DataError(options_.result.field + ": its dofs have neither places nor names");
@@ -209,7 +208,7 @@ std::vector<RunFailure> CommandSimulator::solve_to_files(std::span<const Run> ru
   std::vector<std::optional<RunFailure>> failed(runs.size());
   std::mutex mutex;
   std::size_t done = 0;
-  parallel_for(runs.size(), static_cast<std::size_t>(processes), [&](std::size_t i) {
+  parallel_for(runs.size(), processes, [&](std::size_t i) {
     try {
       write_run(runs[i], solve(runs[i].parameters), {});
     } catch (const NumericalError& error) {

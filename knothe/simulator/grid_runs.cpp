@@ -9,6 +9,7 @@
 #include <numeric>
 #include <regex>
 
+#include "knothe/base/index.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/reduction/grid/sparse_grid.hpp"
@@ -22,7 +23,7 @@ void check_axes(const RunGrid& grid) {
     if (axis.nodes.size() < 2)
       throw ProjectError(fmt::format("parameter {}: its axis has {} node(s); at least 2 are needed",
                                      axis.name, axis.nodes.size()));
-    for (std::size_t i = 1; i < axis.nodes.size(); ++i)
+    for (Index i = 1; i < std::ssize(axis.nodes); ++i)
       if (!(axis.nodes[i] > axis.nodes[i - 1]))
         throw ProjectError(fmt::format("parameter {}: the axis must increase, but node {} is {} after {}",
                                        axis.name, i, axis.nodes[i], axis.nodes[i - 1]));
@@ -88,7 +89,7 @@ class Runs {
   /// most is a run that failed.
   void reject_unlike(const JobShare& share) {
     std::map<Shape, std::vector<std::size_t>> of_shape;
-    for (std::size_t i = 0; i < runs_.size(); ++i)
+    for (Index i = 0; i < std::ssize(runs_); ++i)
       if (is_there(runs_[i])) of_shape[Shape(read_run(runs_[i]).solution)].push_back(i);
     share.wait();  // all have seen them
     if (of_shape.size() < 2) return;
@@ -219,7 +220,7 @@ class Gathering {
                       snapshots_.time.size(), snapshots_.outputs.size()));
     const std::size_t times = snapshots_.time.size();
     put(solution.values, point * times * dofs_, snapshots_.values);
-    for (std::size_t k = 0; k < solution.outputs.size(); ++k)
+    for (Index k = 0; k < std::ssize(solution.outputs); ++k)
       put(solution.outputs[k].values, point * times, output(solution.outputs[k].name, run).values);
   }
 
@@ -245,7 +246,7 @@ class Gathering {
   }
 
   static void put(const std::vector<double>& from, std::size_t at, std::vector<double>& to) {
-    std::copy(from.begin(), from.end(), to.begin() + static_cast<std::ptrdiff_t>(at));
+    std::copy(from.begin(), from.end(), to.begin() + at);
   }
 
   reduction::Snapshots snapshots_;
@@ -261,9 +262,7 @@ reduction::SparseGrid plan_of(const RunGrid& grid) {
 /// Every `size`-th of the missing runs.
 std::vector<std::size_t> share_of(const std::vector<std::size_t>& missing, const JobShare& share) {
   std::vector<std::size_t> own;
-  for (auto k = static_cast<std::size_t>(share.rank); k < missing.size();
-       k += static_cast<std::size_t>(share.size))
-    own.push_back(missing[k]);
+  for (std::size_t k = share.rank; k < missing.size(); k += share.size) own.push_back(missing[k]);
   return own;
 }
 
@@ -276,7 +275,7 @@ PointRuns run_points(Simulator& simulator, const RunGrid& grid, std::span<const 
   for (const std::vector<double>& point : points) simulator.check(point);
   Runs runs(simulator, grid, points);
   std::vector<std::size_t> missing;
-  for (std::size_t i = 0; i < points.size(); ++i)
+  for (Index i = 0; i < std::ssize(points); ++i)
     if (!is_there(runs.all()[i])) missing.push_back(i);
   share.wait();  // all have seen the same parts
   const std::vector<std::size_t> own = share_of(missing, share);
@@ -285,7 +284,7 @@ PointRuns run_points(Simulator& simulator, const RunGrid& grid, std::span<const 
   if (!simulator.frame()) runs.reject_unlike(share);
   share.wait();
   PointRuns result{runs.all(), {}, {}};
-  for (std::size_t i = 0; i < points.size(); ++i) {
+  for (Index i = 0; i < std::ssize(points); ++i) {
     if (grid.leave_out_failed && !is_there(runs.all()[i]))
       result.failed.push_back(i);
     else if (std::binary_search(missing.begin(), missing.end(), i))
@@ -319,11 +318,11 @@ std::vector<std::vector<std::size_t>> grid_without(std::span<const std::size_t> 
     std::size_t axis = 0, node = 0;
     double best =
         -1;  // failed points taken × nodes of the axis: each node holds the same share of the points
-    for (std::size_t i = 0; i < shape.size(); ++i)
+    for (Index i = 0; i < std::ssize(shape); ++i)
       for (const std::size_t n : kept[i]) {
         const auto taken =
             std::count_if(holes.begin(), holes.end(), [&](const auto& hole) { return hole[i] == n; });
-        const double worth = static_cast<double>(taken) * static_cast<double>(kept[i].size());
+        const double worth = static_cast<double>(taken) * kept[i].size();
         if (taken > 0 && worth > best) {
           best = worth;
           axis = i;
@@ -354,7 +353,7 @@ Rest rest_of(const RunGrid& grid, const std::vector<std::size_t>& failed) {
   for (const reduction::Axis& axis : grid.axes) shape.push_back(axis.nodes.size());
   const auto kept = grid_without(shape, failed);
   Rest rest{grid.axes, {0}};
-  for (std::size_t i = 0; i < kept.size(); ++i) {
+  for (Index i = 0; i < std::ssize(kept); ++i) {
     std::vector<double> left_out;
     for (std::size_t n = 0; n < shape[i]; ++n)
       if (!std::binary_search(kept[i].begin(), kept[i].end(), n)) left_out.push_back(grid.axes[i].nodes[n]);
@@ -389,7 +388,7 @@ GridRuns run_grid(Simulator& simulator, const RunGrid& grid, const JobShare& sha
   GridRuns result;
   result.failed = finished_runs.failed.size();
   Gathering gathering(rest.axes, simulator.frame());
-  for (std::size_t k = 0; k < rest.points.size(); ++k) {
+  for (Index k = 0; k < std::ssize(rest.points); ++k) {
     const std::size_t i = rest.points[k];
     FinishedRun finished = read_run(finished_runs.runs[i]);
     gathering.add(finished_runs.failed.empty() ? plan.points[i] : k, finished_runs.runs[i],

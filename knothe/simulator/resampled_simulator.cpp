@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <utility>
 
+#include "knothe/base/index.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/simulator/run_file.hpp"
 
@@ -19,7 +20,7 @@ reduction::SnapshotOutput output_of(const reduction::Snapshots& solution, const 
     if (output.name == name) return output;
     known.push_back(output.name);
   }
-  for (std::size_t i = 0; i < solution.quantities.size(); ++i) {
+  for (Index i = 0; i < std::ssize(solution.quantities); ++i) {
     known.push_back(solution.quantities[i].name);
     if (known.back() != name) continue;
     reduction::SnapshotOutput output{name, {solution.quantities[i].units, ""}, {}};
@@ -37,7 +38,7 @@ void check_growth(const reduction::Snapshots& solution, const reduction::Snapsho
                   const TimeAxis& axis) {
   const std::vector<double>& values = output.values;
   const std::string& unit = output.labels.units;
-  for (std::size_t i = 1; i < values.size(); ++i)
+  for (Index i = 1; i < std::ssize(values); ++i)
     if (!(values[i] > values[i - 1]))
       throw NumericalError(fmt::format(
           "{} cannot be the time of [offline]: it must grow from step to step, but is {:g} {} at {:g} after "
@@ -69,7 +70,7 @@ std::vector<Place> places_of(const std::vector<double>& axis, const std::vector<
       places.push_back({values.size() - 1, 0});
       continue;
     }
-    const auto next = static_cast<std::size_t>(above - values.begin());
+    const std::size_t next = above - values.begin();
     places.push_back({next - 1, (value - values[next - 1]) / (values[next] - values[next - 1])});
   }
   return places;
@@ -98,7 +99,7 @@ reduction::Snapshots resampled(const reduction::Snapshots& solution, const TimeA
   result.time = axis.values;
   result.lift.clear();
   result.values = at_places(solution.values, solution.dof_count(), places);
-  for (std::size_t k = 0; k < result.outputs.size(); ++k)
+  for (Index k = 0; k < std::ssize(result.outputs); ++k)
     result.outputs[k].values = at_places(solution.outputs[k].values, 1, places);
   return result;
 }

@@ -6,6 +6,7 @@
 #include <filesystem>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/files/calculix.hpp"
 #include "knothe/files/csv.hpp"
@@ -60,7 +61,7 @@ Snapshots from_csv(const std::string& path) {
   TimeTable table = read_time_table(path);
   Snapshots solution;
   solution.time = std::move(table.time);
-  for (std::size_t t = 0; t < solution.time.size(); ++t)
+  for (Index t = 0; t < std::ssize(solution.time); ++t)
     for (const auto& series : table.series) solution.values.push_back(series[t]);
   solution.quantities = std::move(table.quantities);
   return solution;
@@ -72,7 +73,7 @@ void place_columns(const ResultOptions& options, std::size_t columns, const std:
     const files::CsvTable table = files::CsvTable::read(options.points);
     const auto x = table.numbers("x"), y = table.numbers("y"), z = table.numbers("z");
     const auto component = table.texts("component");
-    for (std::size_t i = 0; i < x.size(); ++i) {
+    for (Index i = 0; i < std::ssize(x); ++i) {
       if (component[i].size() != 1 || component[i][0] < 'x' || component[i][0] > 'z')
         table.fail(i, "component", "a component is x, y or z, not \"" + component[i] + "\"");
       solution.dofs.add(std::array{x[i], y[i], z[i]}, component[i][0] - 'x');
@@ -234,15 +235,15 @@ Snapshots from_dat(const ResultOptions& options, const std::string& path) {
   std::vector<const files::DatSeries*> chosen;
   Snapshots solution;
   solution.time = contents.time;
-  for (std::size_t i = 0; i < wanted.size(); ++i) {
+  for (Index i = 0; i < std::ssize(wanted); ++i) {
     const auto found = std::find(there.begin(), there.end(), wanted[i]);
     if (found == there.end())
       throw DataError(fmt::format("{}: there is no \"{}\" of [offline.command] \"names\"{}", path, wanted[i],
                                   did_you_mean(wanted[i], there)));
-    chosen.push_back(&contents.series[static_cast<std::size_t>(found - there.begin())]);
-    solution.quantities.push_back({wanted[i], i < options.units.size() ? options.units[i] : "1"});
+    chosen.push_back(&contents.series[found - there.begin()]);
+    solution.quantities.push_back({wanted[i], i < std::ssize(options.units) ? options.units[i] : "1"});
   }
-  for (std::size_t t = 0; t < contents.time.size(); ++t)
+  for (Index t = 0; t < std::ssize(contents.time); ++t)
     for (const files::DatSeries* series : chosen) solution.values.push_back(series->values[t]);
   return solution;
 }
@@ -258,7 +259,7 @@ void add_outputs(const std::string& path, Snapshots& solution) {
         fmt::format("{}: the time of row {} is {}, that of the field {}: the same times, to the "
                     "last digit, are needed",
                     path, other - table.time.begin() + 1, *other, *of_field));
-  for (std::size_t k = 0; k < table.series.size(); ++k)
+  for (Index k = 0; k < std::ssize(table.series); ++k)
     solution.outputs.push_back({table.quantities[k].name,
                                 {table.quantities[k].units, table.quantities[k].name},
                                 std::move(table.series[k])});

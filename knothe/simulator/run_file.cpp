@@ -39,7 +39,7 @@ FinishedRun read_run(const Run& run) {
       finished.record.numbers[name] = file.read("/record/" + name, files::Shape{1})[0];
   if (file.has("/steps_without_equilibrium"))
     for (const std::int64_t step : file.read_integers("/steps_without_equilibrium"))
-      finished.record.steps_without_equilibrium.push_back(static_cast<int>(step));
+      finished.record.steps_without_equilibrium.push_back(step);
   return finished;
 }
 

@@ -4,6 +4,7 @@
 
 #include <utility>
 
+#include "knothe/base/index.hpp"
 #include "knothe/simulator/run_file.hpp"
 
 namespace knothe::simulator {
@@ -49,7 +50,7 @@ std::vector<reduction::OffGridSolution> fields_of(std::vector<reduction::Snapsho
 
 std::string describe(std::span<const std::string> names, std::span<const double> parameters) {
   std::string text;
-  for (std::size_t i = 0; i < names.size(); ++i)
+  for (Index i = 0; i < std::ssize(names); ++i)
     text += fmt::format("{}{} = {:.6g}", i == 0 ? "" : ", ", names[i], parameters[i]);
   return text;
 }

@@ -8,6 +8,7 @@
 #include <mutex>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/program.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/simulator/kept_solutions.hpp"
@@ -18,7 +19,7 @@ namespace {
 /// NAME=V,… with every digit.
 std::string point_argument(std::span<const std::string> names, std::span<const double> parameters) {
   std::string text;
-  for (std::size_t i = 0; i < names.size(); ++i)
+  for (Index i = 0; i < std::ssize(names); ++i)
     text += fmt::format("{}{}={}", i == 0 ? "" : ",", names[i], parameters[i]);
   return text;
 }

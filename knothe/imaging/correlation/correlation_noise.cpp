@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/imaging/correlation/spline_image.hpp"
 #include "knothe/numerics/linear/selected_inverse.hpp"
 
@@ -45,7 +46,7 @@ double noise_from_residual(const ImageCorrelation& correlation, const Correlatio
                            double reference_count) {
   const ImageMesh& mesh = correlation.mesh();
   double kappa = 0, elements = 0;
-  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+  for (Index e = 0; e < std::ssize(mesh.elements); ++e) {
     if (result.element_valid[e] == 0) continue;
     double u = 0, v = 0;
     const int n = ImageMesh::nodes_of(mesh.elements[e]);
@@ -56,13 +57,12 @@ double noise_from_residual(const ImageCorrelation& correlation, const Correlatio
     kappa += interpolated_noise_variance(u) * interpolated_noise_variance(v), elements += 1;
   }
   if (elements == 0) return 0;
-  const double left =
-      1 - static_cast<double>(2 * mesh.node_count()) / std::max(1.0, static_cast<double>(result.pixels_used));
+  const double left = 1 - 2 * mesh.node_count() / std::max(1.0, result.pixels_used);
   const double prefiltered = correlation.options().prefilter_sigma > 0
                                  ? [&] {
                                      const auto taps = gaussian_taps(correlation.options().prefilter_sigma);
-                                     double sum = static_cast<double>(taps[0] * taps[0]);
-                                     for (std::size_t k = 1; k < taps.size(); ++k) sum += 2 * static_cast<double>(taps[k] * taps[k]);
+                                     double sum = taps[0] * taps[0];
+                                     for (Index k = 1; k < std::ssize(taps); ++k) sum += 2 * static_cast<double>(taps[k] * taps[k]);
                                      return sum * sum;
                                    }()
                                  : 1.0;
@@ -75,14 +75,14 @@ double noise_from_repeat(const files::Picture& first, const files::Picture& seco
   if (first.width != second.width || first.height != second.height)
     throw UsageError(fmt::format("noise from repeat pictures: they have {} × {} and {} × {} pixels",
                                  first.width, first.height, second.width, second.height));
-  const int x0 = std::max(0, static_cast<int>(std::ceil(region.x0))),
-            x1 = std::min(first.width - 1, static_cast<int>(std::floor(region.x1)));
-  const int y0 = std::max(0, static_cast<int>(std::ceil(region.y0))),
-            y1 = std::min(first.height - 1, static_cast<int>(std::floor(region.y1)));
+  const int x0 = std::max<int>(0, std::ceil(region.x0)),
+            x1 = std::min<int>(first.width - 1, std::floor(region.x1));
+  const int y0 = std::max<int>(0, std::ceil(region.y0)),
+            y1 = std::min<int>(first.height - 1, std::floor(region.y1));
   double n = 0, f = 0, g = 0, ff = 0, fg = 0, gg = 0;
   for (int y = y0; y <= y1; ++y)
     for (int x = x0; x <= x1; ++x) {
-      const double a = static_cast<double>(first.at(x, y)), b = static_cast<double>(second.at(x, y));
+      const double a = first.at(x, y), b = second.at(x, y);
       n += 1, f += a, g += b, ff += a * a, fg += a * b, gg += b * b;
     }
   if (n < 3) throw UsageError("noise from repeat pictures: the region holds no pixels");
@@ -98,13 +98,11 @@ double noise_from_repeat(const files::Picture& first, const files::Picture& seco
 double share_of_motion(const files::Picture& first, const files::Picture& second, const Region& region) {
   constexpr int k_square = 32;
   double all = 0, moved = 0;
-  const auto level = [](const files::Picture& picture, int x, int y) {
-    return static_cast<double>(picture.at(x, y));
-  };
-  for (int top = std::max(1, static_cast<int>(std::ceil(region.y0)));
-       top + k_square < std::min(first.height, static_cast<int>(region.y1)); top += k_square)
-    for (int left = std::max(1, static_cast<int>(std::ceil(region.x0)));
-         left + k_square < std::min(first.width, static_cast<int>(region.x1)); left += k_square) {
+  const auto level = [](const files::Picture& picture, int x, int y) -> double { return picture.at(x, y); };
+  for (int top = std::max<int>(1, std::ceil(region.y0));
+       top + k_square < std::min<int>(first.height, region.y1); top += k_square)
+    for (int left = std::max<int>(1, std::ceil(region.x0));
+         left + k_square < std::min<int>(first.width, region.x1); left += k_square) {
       // The difference by the gradient and the brightness (gain and offset), least squares.
       Eigen::Matrix4d normal = Eigen::Matrix4d::Zero();
       Eigen::Vector4d right = Eigen::Vector4d::Zero();
@@ -120,7 +118,7 @@ double share_of_motion(const files::Picture& first, const files::Picture& second
           const Eigen::Vector4d g(1, level(first, x, y) + level(second, x, y), slope(1, 0), slope(0, 1));
           normal += g * g.transpose(), right += d * g, squares += d * d;
         }
-      const auto left_over = [&](Eigen::Index unknowns) {
+      const auto left_over = [&](Index unknowns) {
         const Eigen::VectorXd fit =
             normal.topLeftCorner(unknowns, unknowns).ldlt().solve(right.head(unknowns));
         return squares - fit.dot(right.head(unknowns));
@@ -134,18 +132,16 @@ double share_of_motion(const files::Picture& first, const files::Picture& second
 double prefilter_noise_factor(const ReferenceRows& reference, const Region& region, double sigma) {
   if (!(sigma > 0)) return 1;
   const auto [first, end] = reference.rows;
-  const int width = static_cast<int>(reference.stride), height = end - first;
-  std::vector<float> smooth(reference.stride * static_cast<std::size_t>(height));
+  const int width = reference.stride, height = end - first;
+  std::vector<float> smooth(reference.stride * height);
   double before = 0, after = 0;
   for (const float* slope : {reference.dx, reference.dy}) {
     filter_picture(slope, width, height, gaussian_taps(sigma), smooth.data(), reference.stride, 1);
-    for (int y = std::max(first, static_cast<int>(region.y0));
-         y <= std::min(end - 1, static_cast<int>(region.y1)); ++y)
-      for (int x = std::max(0, static_cast<int>(region.x0));
-           x <= std::min(width - 1, static_cast<int>(region.x1)); ++x) {
+    for (int y = std::max<int>(first, region.y0); y <= std::min<int>(end - 1, region.y1); ++y)
+      for (int x = std::max<int>(0, region.x0); x <= std::min<int>(width - 1, region.x1); ++x) {
         const std::size_t i = reference.index(x, y);
-        before += static_cast<double>(slope[i] * slope[i]);
-        after += static_cast<double>(smooth[i] * smooth[i]);
+        before += slope[i] * slope[i];
+        after += smooth[i] * smooth[i];
       }
   }
   return before > 0 ? after / before : 1;
@@ -157,10 +153,10 @@ double gradient_noise_variance(double sigma) {
   if (sigma > 0) {
     const auto taps = gaussian_taps(sigma);
     smooth.clear();
-    for (std::size_t k = taps.size(); k-- > 1;) smooth.push_back(static_cast<double>(taps[k]));
-    for (const float tap : taps) smooth.push_back(static_cast<double>(tap));
+    for (std::size_t k = taps.size(); k-- > 1;) smooth.push_back(taps[k]);
+    for (const float tap : taps) smooth.push_back(tap);
   }
-  const int radius = static_cast<int>(smooth.size() / 2), reach = radius + k_reach / 2;
+  const int radius = smooth.size() / 2, reach = radius + k_reach / 2;
   std::vector<double> slopes;
   for (int k = -reach - radius; k <= reach + radius; ++k) slopes.push_back(slope_response(k));
   double along = 0, across = 0;
@@ -175,7 +171,7 @@ double gradient_noise_variance(double sigma) {
 
 double mean_std(const Eigen::VectorXd& std) {
   const auto count = (std.array() > 0).count();
-  return count > 0 ? std.sum() / static_cast<double>(count) : 0;
+  return count > 0 ? std.sum() / count : 0;
 }
 
 namespace {
@@ -215,7 +211,7 @@ DisplacementPrecision displacement_precision(const ImageCorrelation& correlation
 
 Eigen::VectorXd displacement_std(const Eigen::SparseMatrix<double>& matrix) {
   // Nodes that no valid element touches have empty rows: they are left out of the inverse.
-  std::vector<int> number(static_cast<std::size_t>(matrix.rows()), -1);
+  std::vector<int> number(matrix.rows(), -1);
   int count = 0;
   for (int i = 0; i < matrix.rows(); ++i)
     if (matrix.coeff(i, i) > 0) number[i] = count++;

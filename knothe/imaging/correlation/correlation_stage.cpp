@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/imaging/crack/strain.hpp"
 #include "knothe/numerics/statistics/order_statistics.hpp"
@@ -51,14 +52,14 @@ void CorrelationStage::make_pattern() {
   pattern_.setFromTriplets(entries.begin(), entries.end());
   const int *begin = pattern_.outerIndexPtr(), *row = pattern_.innerIndexPtr();
   places_.resize(mesh_.elements.size());
-  for (std::size_t e = 0; e < places_.size(); ++e) {
+  for (Index e = 0; e < std::ssize(places_); ++e) {
     const auto& nodes = mesh_.elements[e];
-    const auto count = static_cast<std::size_t>(ImageMesh::nodes_of(nodes));
+    const std::size_t count = ImageMesh::nodes_of(nodes);
     for (std::size_t a = 0; a < count; ++a)
       for (std::size_t b = 0; b < count; ++b) {
         const int column = 2 * nodes[b];
-        places_[e][4 * a + b] = static_cast<int>(
-            std::lower_bound(row + begin[column], row + begin[column + 1], 2 * nodes[a]) - row);
+        places_[e][4 * a + b] =
+            std::lower_bound(row + begin[column], row + begin[column + 1], 2 * nodes[a]) - row;
       }
   }
 }
@@ -68,7 +69,7 @@ Eigen::SparseMatrix<double> CorrelationStage::assemble(const std::vector<char>& 
   Eigen::SparseMatrix<double> result = pattern_;
   double* const values = result.valuePtr();
   const int* const begin = result.outerIndexPtr();
-  for (std::size_t e = 0; e < mesh_.elements.size(); ++e) {
+  for (Index e = 0; e < std::ssize(mesh_.elements); ++e) {
     if (valid[e] == 0) continue;
     const auto& nodes = mesh_.elements[e];
     const Constants& c = constants_[e];
@@ -140,7 +141,7 @@ void CorrelationStage::factorise(const std::vector<char>& valid) {
   if (options_.brightness != Brightness::global) return;
   coupling_.setZero(2 * mesh_.node_count(), 2);
   Eigen::Matrix2d brightness = Eigen::Matrix2d::Zero();
-  for (std::size_t e = 0; e < mesh_.elements.size(); ++e) {
+  for (Index e = 0; e < std::ssize(mesh_.elements); ++e) {
     if (valid[e] == 0) continue;
     brightness += constants_[e].brightness_matrix;
     for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a)
@@ -154,7 +155,7 @@ ElementMotion CorrelationStage::motion(std::size_t e, const CorrelationResult& r
   const auto& nodes = mesh_.elements[e];
   const auto& coefficients = pixels_.elements()[e].coefficients;
   ElementMotion m;
-  for (std::size_t a = 0; a < static_cast<std::size_t>(ImageMesh::nodes_of(nodes)); ++a)
+  for (Index a = 0; a < ImageMesh::nodes_of(nodes); ++a)
     for (std::size_t k = 0; k < 4; ++k) {
       m.u[k] += coefficients[a][k] * result.displacement[2 * nodes[a]];
       m.v[k] += coefficients[a][k] * result.displacement[2 * nodes[a] + 1];
@@ -166,7 +167,7 @@ ElementMotion CorrelationStage::motion(std::size_t e, const CorrelationResult& r
 
 std::vector<double> CorrelationStage::element_rms() const {
   std::vector<double> rms(sums_.size(), 0);
-  for (std::size_t e = 0; e < sums_.size(); ++e)
+  for (Index e = 0; e < std::ssize(sums_); ++e)
     if (sums_[e].count > 0) rms[e] = std::sqrt(sums_[e].r_squared / sums_[e].count);
   return rms;
 }
@@ -174,7 +175,7 @@ std::vector<double> CorrelationStage::element_rms() const {
 double CorrelationStage::residual_limit(const CorrelationResult& result,
                                         const std::vector<double>& rms) const {
   std::vector<double> valid;
-  for (std::size_t e = 0; e < rms.size(); ++e)
+  for (Index e = 0; e < std::ssize(rms); ++e)
     if (result.element_valid[e] != 0 && sums_[e].count > 0) valid.push_back(rms[e]);
   return options_.rejection_factor * numerics::upper_median(valid);
 }
@@ -183,7 +184,7 @@ int CorrelationStage::reject(CorrelationResult& result, bool restless) const {
   const std::vector<double> rms = element_rms();
   const double limit = residual_limit(result, rms);
   std::vector<double> around(mesh_.x.size(), 0);
-  for (std::size_t e = 0; e < sums_.size(); ++e) {
+  for (Index e = 0; e < std::ssize(sums_); ++e) {
     if (result.element_valid[e] == 0) continue;
     for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a) {
       double& largest = around[mesh_.elements[e][a]];
@@ -191,7 +192,7 @@ int CorrelationStage::reject(CorrelationResult& result, bool restless) const {
     }
   }
   const auto before = std::count(result.element_valid.begin(), result.element_valid.end(), 1);
-  for (std::size_t e = 0; e < sums_.size(); ++e) {
+  for (Index e = 0; e < std::ssize(sums_); ++e) {
     if (result.element_valid[e] == 0) continue;
     // An element on a crack pulls at the nodes of its neighbours: only the worst go at once, the others get
     // another chance.
@@ -204,7 +205,7 @@ int CorrelationStage::reject(CorrelationResult& result, bool restless) const {
     if (unseen || bad) result.element_valid[e] = 0;
   }
   if (restless && options_.reject_elements) reject_restless(result, rms);
-  return static_cast<int>(before - std::count(result.element_valid.begin(), result.element_valid.end(), 1));
+  return before - std::count(result.element_valid.begin(), result.element_valid.end(), 1);
 }
 
 /// Nodes that never come to rest, between the two sides of a crack as a rule: of the elements around each the
@@ -216,11 +217,11 @@ void CorrelationStage::reject_restless(CorrelationResult& result, const std::vec
     if (step_.segment<2>(2 * n).cwiseAbs().maxCoeff() > options_.tolerance) worst[n] = -2, ++count;
   const double nodes = mesh_.node_count();
   if (count > std::max(k_max_restless * nodes, k_restless_rows * std::sqrt(nodes))) return;
-  for (std::size_t e = 0; e < sums_.size(); ++e) {
+  for (Index e = 0; e < std::ssize(sums_); ++e) {
     if (result.element_valid[e] == 0) continue;
     for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a) {
       int& at = worst[mesh_.elements[e][a]];
-      if (at == -2 || (at >= 0 && rms[e] > rms[at])) at = static_cast<int>(e);
+      if (at == -2 || (at >= 0 && rms[e] > rms[at])) at = e;
     }
   }
   for (const int e : worst)
@@ -237,7 +238,7 @@ void CorrelationStage::extrapolate(CorrelationResult& result) const {
     for (int a = 0; a < ImageMesh::nodes_of(nodes); ++a)
       for (int b = 0; b < ImageMesh::nodes_of(nodes); ++b) {
         const int to = nodes[a], from = nodes[b];
-        const auto p = static_cast<std::size_t>(to), q = static_cast<std::size_t>(from);
+        const std::size_t p = to, q = from;
         if (measured[p] != 0 || measured[q] == 0) continue;
         const double dx = mesh_.x[p] - mesh_.x[q], dy = mesh_.y[p] - mesh_.y[q];
         for (int k = 0; k < 2; ++k)
@@ -255,13 +256,13 @@ int CorrelationStage::readmit(const SplineImage& deformed, CorrelationResult& re
                               std::vector<char>& tried) {
   if (result.element_valid == usable_) return 0;
   extrapolate(result);
-  for (std::size_t e = 0; e < moved_.size(); ++e)
+  for (Index e = 0; e < std::ssize(moved_); ++e)
     if (result.element_valid[e] == 0) moved_[e] = std::numeric_limits<double>::infinity();
   sum_residuals(deformed, result);
   const std::vector<double> rms = element_rms();
   const double limit = residual_limit(result, rms);
   int count = 0;
-  for (std::size_t e = 0; e < sums_.size(); ++e) {
+  for (Index e = 0; e < std::ssize(sums_); ++e) {
     if (result.element_valid[e] != 0 || usable_[e] == 0 || tried[e] != 0 || rms[e] > limit ||
         sums_[e].count < k_min_pixel_share * pixels_.elements()[e].pixel_count)
       continue;
@@ -281,7 +282,7 @@ double CorrelationStage::misfit(const SplineImage& deformed, const CorrelationRe
   start_brightness(result);
   sum_residuals(deformed, result);
   double squares = 0, count = 0;
-  for (std::size_t e = 0; e < sums_.size(); ++e)
+  for (Index e = 0; e < std::ssize(sums_); ++e)
     if (result.element_valid.empty() || result.element_valid[e] != 0)
       squares += sums_[e].r_squared, count += sums_[e].count;
   return count > 0 ? squares / count : std::numeric_limits<double>::infinity();
@@ -292,7 +293,7 @@ bool CorrelationStage::correlate(const SplineImage& deformed, CorrelationResult&
   if (result.element_valid.empty()) {
     result.element_valid = usable_;
   } else {
-    for (std::size_t e = 0; e < usable_.size(); ++e) result.element_valid[e] &= usable_[e];
+    for (Index e = 0; e < std::ssize(usable_); ++e) result.element_valid[e] &= usable_[e];
   }
   result.iterations = 0;
   result.message.clear();
@@ -322,11 +323,10 @@ bool CorrelationStage::correlate(const SplineImage& deformed, CorrelationResult&
     round = 0;
     allowed = std::max(allowed, k_iterations_per_round);
   }
-  result.elements_rejected =
-      static_cast<int>(std::count(result.element_valid.begin(), result.element_valid.end(), 0));
+  result.elements_rejected = std::count(result.element_valid.begin(), result.element_valid.end(), 0);
   result.element_residual.assign(sums_.size(), 0);
   double squares = 0, pixels = 0;
-  for (std::size_t e = 0; e < sums_.size(); ++e) {
+  for (Index e = 0; e < std::ssize(sums_); ++e) {
     if (sums_[e].count > 0) result.element_residual[e] = std::sqrt(sums_[e].r_squared / sums_[e].count);
     if (result.element_valid[e] != 0) squares += sums_[e].r_squared, pixels += sums_[e].count;
   }

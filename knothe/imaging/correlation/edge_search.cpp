@@ -32,7 +32,7 @@ std::array<double, 2> centre_of(std::vector<double>& values) {
     if (values[i + half - 1] - values[i] < values[best + half - 1] - values[best]) best = i;
   double sum = 0;
   for (std::size_t i = best; i < best + half; ++i) sum += values[i];
-  return {sum / static_cast<double>(half), (values[best + half - 1] - values[best]) / 1.349};
+  return {sum / half, (values[best + half - 1] - values[best]) / 1.349};
 }
 
 /// Grey levels on a grid along (columns) and across (rows, from inside out) the strip.
@@ -47,9 +47,8 @@ struct Grid {
 Grid grid_of(const files::Picture& picture, const EdgeStrip& s, double step) {
   Grid g;
   g.step = step, g.first = -s.inside;
-  g.lines = std::max(1, static_cast<int>(s.length)),
-  g.samples = static_cast<int>((s.inside + s.outside) / step) + 1;
-  g.level.reserve(static_cast<std::size_t>(g.lines) * static_cast<std::size_t>(g.samples));
+  g.lines = std::max<int>(1, s.length), g.samples = static_cast<int>((s.inside + s.outside) / step) + 1;
+  g.level.reserve(static_cast<std::size_t>(g.lines) * g.samples);
   for (int l = 0; l < g.lines; ++l)
     for (int k = 0; k < g.samples; ++k) {
       const double t = l - 0.5 * (g.lines - 1), n = g.place(k);
@@ -77,7 +76,7 @@ int change_point(const Grid& g) {
     const double s = sum[b] - sum[a], q = squares[b] - squares[a];
     return n * std::log(std::max(floor, q / n - (s / n) * (s / n)));
   };
-  const int least = std::max(2, static_cast<int>(k_min_side / g.step));
+  const int least = std::max<int>(2, k_min_side / g.step);
   int best = -1;
   double gain = k_min_evidence * g.lines * g.samples;
   for (int k = least; k + least <= g.samples; ++k) {
@@ -104,7 +103,7 @@ Level level_of(const Grid& g, int a, int b) {
 
 /// Mean level of a line beyond an edge at sample k.
 std::optional<double> level_beyond(const Grid& g, int line, int k, int way) {
-  const int from = static_cast<int>(k_level_from / g.step), to = static_cast<int>(k_level_to / g.step);
+  const int from = k_level_from / g.step, to = k_level_to / g.step;
   double sum = 0;
   int count = 0;
   for (int n = from; n <= to; ++n) {
@@ -117,7 +116,7 @@ std::optional<double> level_beyond(const Grid& g, int line, int k, int way) {
 
 /// Where a line first crosses the mean of two levels, on the way from the first, in samples.
 std::optional<double> half_way(const Grid& g, int line, int from, int way, double first, double second) {
-  const int search = static_cast<int>(k_search / g.step);
+  const int search = k_search / g.step;
   for (int n = -2; n <= search; ++n) {
     const int k = from + way * n;
     if (std::min(k, k + way) < 0 || std::max(k, k + way) >= g.samples) continue;
@@ -131,7 +130,7 @@ std::optional<double> half_way(const Grid& g, int line, int from, int way, doubl
 /// Line by line: where the grey level is half-way between that of the quieter side and that beside the edge
 /// on the other. The quieter side is the background as a rule.
 std::vector<double> crossings(const Grid& g, int change) {
-  const int blur = static_cast<int>(k_blur / g.step), search = static_cast<int>(k_search / g.step);
+  const int blur = k_blur / g.step, search = k_search / g.step;
   if (change <= blur || change + blur >= g.samples) return {};  // no level beside the edge to compare with
   const Level in = level_of(g, 0, change - 1 - blur), out = level_of(g, change + blur, g.samples - 1);
   const bool from_outside = out.noise <= in.noise;
@@ -153,7 +152,7 @@ std::vector<double> crossings(const Grid& g, int change) {
     double crossing = coarse;
     bool crosses = false;
     for (int round = 0; round < 3; ++round) {
-      const auto level = level_beyond(g, l, static_cast<int>(std::lround(crossing)), way);
+      const auto level = level_beyond(g, l, std::lround(crossing), way);
       crosses = level && std::abs(*level - quiet.median) > std::max(2 * k_clear * quiet.noise, 2.0);
       if (!crosses) break;
       const auto at = half_way(g, l, coarse, way, quiet.median, *level);
@@ -169,10 +168,9 @@ std::vector<double> crossings(const Grid& g, int change) {
 }  // namespace
 
 double sampled(const files::Picture& picture, double x, double y) {
-  const int i = std::clamp(static_cast<int>(x), 0, picture.width - 2),
-            j = std::clamp(static_cast<int>(y), 0, picture.height - 2);
+  const int i = std::clamp<int>(x, 0, picture.width - 2), j = std::clamp<int>(y, 0, picture.height - 2);
   const double s = x - i, t = y - j;
-  const auto at = [&](int a, int b) { return static_cast<double>(picture.at(a, b)); };
+  const auto at = [&](int a, int b) -> double { return picture.at(a, b); };
   return (1 - t) * ((1 - s) * at(i, j) + s * at(i + 1, j)) +
          t * ((1 - s) * at(i, j + 1) + s * at(i + 1, j + 1));
 }
@@ -187,7 +185,7 @@ std::optional<EdgeFound> find_edge(const files::Picture& picture, const EdgeStri
   if (places.size() < 3 || 4 * places.size() < static_cast<std::size_t>(grid.lines)) return coarse;
   const auto [offset, spread] = centre_of(places);
   // Lines beside each other are not independent; a mean of the densest half is no better than a median.
-  const double independent = std::max(1.0, static_cast<double>(places.size()) / k_correlation);
+  const double independent = std::max(1.0, places.size() / k_correlation);
   return EdgeFound{offset, std::max(k_smallest_std, 1.2533 * spread / std::sqrt(independent))};
 }
 

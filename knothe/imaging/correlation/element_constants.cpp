@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/imaging/correlation/correlation_stage.hpp"
 #include "knothe/imaging/correlation/regularisation.hpp"
 #include "knothe/numerics/statistics/order_statistics.hpp"
@@ -44,8 +45,7 @@ Moments moments(const PixelTable& table, const ElementPixels& element, const Ref
       const std::size_t i = field.index(row.x + k, row.y);
       if (!field.counts(i)) continue;
       const auto [x, y] = table.coordinates(element, row, k);
-      const double f = static_cast<double>(field.value[i]), fx = static_cast<double>(field.dx[i]),
-                   fy = static_cast<double>(field.dy[i]);
+      const double f = field.value[i], fx = field.dx[i], fy = field.dy[i];
       const std::array<double, 8> q{fx * fx, fx * fy, fy * fy, fx * f, fy * f, fx, fy, 1};
       double power = 1;
       for (std::size_t p = 0; p < 3; ++p, power *= x)
@@ -65,18 +65,18 @@ ReferenceField reference_field(const files::Picture& reference, const files::Pic
   const double beside = k_rows_beside + std::ceil(4 * prefilter_sigma);  // as far as gaussian_taps reach
   ReferenceField field;
   field.width = reference.width, field.height = reference.height;
-  const auto row = [&](double y) { return static_cast<int>(std::clamp<double>(y, 0, field.height)); };
+  const auto row = [&](double y) -> int { return std::clamp<double>(y, 0, field.height); };
   field.rows = {row(std::floor(region.y0) - beside), row(std::ceil(region.y1) + beside + 1)};
   field.pixels = pixel_gradients(reference, prefilter_sigma, field.rows, threads);
   const auto view = field.view();
   const auto leave_out = [&](int x, int y) {
     if (view.contains(x, y)) field.pixels.value[view.index(x, y)] = std::numeric_limits<float>::quiet_NaN();
   };
-  const double limit = saturation > 0 ? saturation : static_cast<double>(reference.maximum);
+  const double limit = saturation > 0 ? saturation : reference.maximum;
   for (int y = std::max(0, field.rows.first - 1); y < std::min(field.height, field.rows.end + 1); ++y)
     for (int x = 0; x < field.width; ++x) {
       if (!mask.pixels.empty() && !(mask.at(x, y) > 0)) leave_out(x, y);
-      if (static_cast<double>(reference.at(x, y)) < limit) continue;
+      if (reference.at(x, y) < limit) continue;
       for (int j = y - 1; j <= y + 1; ++j)
         for (int i = x - 1; i <= x + 1; ++i) leave_out(i, j);
     }
@@ -104,8 +104,7 @@ void CorrelationStage::make_constants() {
           for (std::size_t q = 0; q < 4; ++q) {
             const double f = ca * element.coefficients[b][q];
             if (f == 0) continue;
-            const auto& s = m.sum[k_degrees[p][0] + k_degrees[q][0]]
-                                 [static_cast<std::size_t>(k_degrees[p][1] + k_degrees[q][1])];
+            const auto& s = m.sum[k_degrees[p][0] + k_degrees[q][0]][k_degrees[p][1] + k_degrees[q][1]];
             c.matrix(2 * a, 2 * b) += f * s[0], c.matrix(2 * a + 1, 2 * b + 1) += f * s[2];
             c.matrix(2 * a, 2 * b + 1) += f * s[1], c.matrix(2 * a + 1, 2 * b) += f * s[1];
             c.mass(a, b) += f * s[7];
@@ -124,7 +123,7 @@ void CorrelationStage::make_constants() {
     weakest[e] = texture.selfadjointView<Eigen::Lower>().eigenvalues()[0] / m.count;
   }
   const double usual = numerics::upper_median(weakest);
-  const auto hidden = static_cast<std::size_t>(std::count(usable_.begin(), usable_.end(), 0));
+  const std::size_t hidden = std::count(usable_.begin(), usable_.end(), 0);
   std::size_t without = 0, example = 0;
   for (std::size_t e = 0; e < count; ++e)
     if (!(weakest[e] > k_smallest_texture * usual) || !(usual > 1e-12))
@@ -151,20 +150,20 @@ void CorrelationStage::make_constants() {
 }
 
 Eigen::SparseMatrix<double> CorrelationStage::penalty(const std::vector<char>& valid) const {
-  const Eigen::Index dofs = 2 * mesh_.node_count();
+  const Index dofs = 2 * mesh_.node_count();
   if (!(penalty_ > 0)) return {dofs, dofs};
   if (options_.regularisation_kind == DisplacementRegularisation::tikhonov)
     return penalty_ * gradient_penalty(mesh_);
   // Where there is no texture the penalty stands in for it; what was taken out is a crack, as a rule.
   std::vector<char> carries = valid;
-  for (std::size_t e = 0; e < carries.size(); ++e)
+  for (Index e = 0; e < std::ssize(carries); ++e)
     if (usable_[e] == 0) carries[e] = 1;
   return penalty_ * equilibrium_gap_penalty(mesh_, carries, options_.poisson_ratio);
 }
 
 double CorrelationStage::contrast() const {
   double squares = 0, count = 0;
-  for (std::size_t e = 0; e < constants_.size(); ++e) {
+  for (Index e = 0; e < std::ssize(constants_); ++e) {
     const Eigen::Matrix2d& m = constants_[e].brightness_matrix;  // Σ (f, 1)(f, 1)ᵀ
     if (usable_[e] == 0 || !(m(1, 1) > 0)) continue;
     squares += m(0, 0) - m(0, 1) * m(0, 1) / m(1, 1), count += m(1, 1);

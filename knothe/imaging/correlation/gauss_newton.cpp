@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "knothe/base/cancellation.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/imaging/correlation/correlation_stage.hpp"
 
@@ -36,21 +37,19 @@ Eigen::Matrix<double, 8, 1> right_of(const ElementPixels& element, const Residua
 void CorrelationStage::sum_residuals(const SplineImage& deformed, const CorrelationResult& result) {
   constexpr std::size_t k_chunk = 32;  // elements per task
   std::vector<std::size_t> stale;
-  for (std::size_t e = 0; e < moved_.size(); ++e) {
+  for (Index e = 0; e < std::ssize(moved_); ++e) {
     if (moved_[e] <= k_continued * options_.tolerance) continue;
     moved_[e] = 0;
     if (usable_[e] != 0) stale.push_back(e);
   }
-  parallel_for((stale.size() + k_chunk - 1) / k_chunk, static_cast<std::size_t>(options_.threads),
-               [&](std::size_t chunk) {
-                 for (std::size_t i = chunk * k_chunk; i < std::min(stale.size(), (chunk + 1) * k_chunk);
-                      ++i) {
-                   const std::size_t e = stale[i];
-                   const ElementPixels& element = pixels_.elements()[e];
-                   sums_[e] = residual_sums(pixels_, element, reference_.view(), deformed, motion(e, result));
-                   rights_[e] = right_of(element, sums_[e]);
-                 }
-               });
+  parallel_for((stale.size() + k_chunk - 1) / k_chunk, options_.threads, [&](std::size_t chunk) {
+    for (std::size_t i = chunk * k_chunk; i < std::min(stale.size(), (chunk + 1) * k_chunk); ++i) {
+      const std::size_t e = stale[i];
+      const ElementPixels& element = pixels_.elements()[e];
+      sums_[e] = residual_sums(pixels_, element, reference_.view(), deformed, motion(e, result));
+      rights_[e] = right_of(element, sums_[e]);
+    }
+  });
 }
 
 void CorrelationStage::look_at_all_anew() {
@@ -60,7 +59,7 @@ void CorrelationStage::look_at_all_anew() {
 /// r − (N ∇f)ᵀ δ − (f, 1) c instead of r. What this leaves out is of second order: of a step δ the part by
 /// which the gradients of the two pictures differ, i.e. their noise.
 void CorrelationStage::continue_sums(const CorrelationResult& result) {
-  for (std::size_t e = 0; e < mesh_.elements.size(); ++e) {
+  for (Index e = 0; e < std::ssize(mesh_.elements); ++e) {
     if (usable_[e] == 0) continue;
     const Constants& k = constants_[e];
     Eigen::Matrix<double, 8, 1> d = Eigen::Matrix<double, 8, 1>::Zero();
@@ -85,7 +84,7 @@ void CorrelationStage::continue_sums(const CorrelationResult& result) {
 Eigen::Vector2d CorrelationStage::assemble_right(const CorrelationResult& result) {
   right_.setZero(2 * mesh_.node_count());
   Eigen::Vector2d brightness = Eigen::Vector2d::Zero();
-  for (std::size_t e = 0; e < mesh_.elements.size(); ++e) {
+  for (Index e = 0; e < std::ssize(mesh_.elements); ++e) {
     if (result.element_valid[e] == 0) continue;
     const auto& nodes = mesh_.elements[e];
     Eigen::Matrix<double, 8, 1> b = rights_[e];
@@ -111,7 +110,7 @@ double CorrelationStage::step(CorrelationResult& result, Eigen::VectorXd& last, 
     brightness_step_ = change;
     add(change[0], change[1], result.gain, result.offset);
   } else if (per_element()) {
-    for (std::size_t e = 0; e < mesh_.elements.size(); ++e) {
+    for (Index e = 0; e < std::ssize(mesh_.elements); ++e) {
       if (result.element_valid[e] == 0) continue;
       Eigen::Matrix<double, 8, 1> du = Eigen::Matrix<double, 8, 1>::Zero();
       for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a)
@@ -119,8 +118,7 @@ double CorrelationStage::step(CorrelationResult& result, Eigen::VectorXd& last, 
       const Eigen::Vector2d change =
           constants_[e].brightness_matrix.inverse() *
           (Eigen::Vector2d(sums_[e].r_reference, sums_[e].r) - constants_[e].brightness.transpose() * du);
-      double gain = static_cast<double>(element_brightness_[e][0]),
-             offset = static_cast<double>(element_brightness_[e][1]);
+      double gain = element_brightness_[e][0], offset = element_brightness_[e][1];
       add(change[0], change[1], gain, offset);
       element_brightness_[e] = {static_cast<float>(gain), static_cast<float>(offset)};
       element_step_[e] = {change[0], change[1]};

@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/imaging/correlation/correlation_noise.hpp"
 #include "knothe/imaging/correlation/correlation_stage.hpp"
 #include "knothe/imaging/correlation/picture_pyramid.hpp"
@@ -28,7 +29,7 @@ files::Picture mesh_mask(const PixelTable& pixels, const ReferenceField& field) 
   const ReferenceRows reference = field.view();
   files::Picture mask;
   mask.width = field.width, mask.height = field.height;
-  mask.pixels.assign(static_cast<std::size_t>(field.width) * static_cast<std::size_t>(field.height), 0.0F);
+  mask.pixels.assign(static_cast<std::size_t>(field.width) * field.height, 0.0F);
   for (const auto& element : pixels.elements())
     for (const auto& row : pixels.rows(element))
       for (int x = row.x; x < row.x + row.count; ++x)
@@ -48,7 +49,7 @@ std::vector<CoarseMesh> coarse_meshes(const ImageMesh& fine, int width, int heig
   const Region bounds = fine.bounds();
   const double size = std::max(bounds.width(), bounds.height()),
                fine_element = std::sqrt(bounds.width() * bounds.height() / fine.element_count());
-  const int top = std::clamp(static_cast<int>(std::floor(std::log2(size / k_coarsest))), 0, 6);
+  const int top = std::clamp<int>(std::floor(std::log2(size / k_coarsest)), 0, 6);
   std::vector<CoarseMesh> meshes;
   for (int level = top; level >= std::min(1, top); --level) {
     const auto shrink = [level](double x, int pixels) {
@@ -112,15 +113,15 @@ Eigen::MatrixXd interpolate(const ImageMesh& mesh, const Eigen::VectorXd& displa
                             const std::vector<char>& element_valid) {
   const PointLocator locator(mesh);
   Eigen::MatrixXd result(points.rows(), 2);
-  inside.assign(static_cast<std::size_t>(points.rows()), 0);
-  for (Eigen::Index i = 0; i < points.rows(); ++i) {
+  inside.assign(points.rows(), 0);
+  for (Index i = 0; i < points.rows(); ++i) {
     const auto place = locator.find(points(i, 0), points(i, 1));
     result.row(i).setConstant(std::numeric_limits<double>::quiet_NaN());
     if (place.element < 0 || (!element_valid.empty() && element_valid[place.element] == 0)) continue;
     inside[i] = 1;
     result.row(i).setZero();
     const auto& nodes = mesh.elements[place.element];
-    for (std::size_t a = 0; a < static_cast<std::size_t>(ImageMesh::nodes_of(nodes)); ++a)
+    for (Index a = 0; a < ImageMesh::nodes_of(nodes); ++a)
       for (int k = 0; k < 2; ++k) result(i, k) += place.shape[a] * displacement[2 * nodes[a] + k];
   }
   return result;
@@ -128,7 +129,7 @@ Eigen::MatrixXd interpolate(const ImageMesh& mesh, const Eigen::VectorXd& displa
 
 std::vector<char> measured_nodes(const ImageMesh& mesh, const std::vector<char>& element_valid) {
   std::vector<char> measured(mesh.x.size(), 0);
-  for (std::size_t e = 0; e < mesh.elements.size(); ++e)
+  for (Index e = 0; e < std::ssize(mesh.elements); ++e)
     if (element_valid[e] != 0)
       for (int a = 0; a < ImageMesh::nodes_of(mesh.elements[e]); ++a) measured[mesh.elements[e][a]] = 1;
   return measured;
@@ -262,7 +263,7 @@ Eigen::VectorXd ImageCorrelation::plain_std(const std::vector<char>& element_val
                                             double reference_count, double gain) const {
   require_noise(gamma);
   const double a = gamma * gamma / reference_count * gradient_noise_variance(work_->options.prefilter_sigma);
-  const int below = static_cast<int>(std::floor(k_per_octave * std::log2(a)));
+  const int below = std::floor(k_per_octave * std::log2(a));
   const double left = std::exp2(below / k_per_octave), right = std::exp2((below + 1) / k_per_octave),
                share = (a - left) / (right - left);
   const Eigen::ArrayXd inverse = (1 - share) * work_->inverse_diagonal(element_valid, below) +
@@ -302,7 +303,7 @@ CorrelationResult ImageCorrelation::correlate(const files::Picture& deformed, co
                                               const std::vector<char>& start_valid,
                                               const Eigen::VectorXd& prediction) {
   require_same_size(deformed, work_->reference.width, work_->reference.height, "the deformed picture");
-  const Eigen::Index dofs = 2 * mesh().node_count();
+  const Index dofs = 2 * mesh().node_count();
   for (const Eigen::VectorXd* given : {&start, &prediction})
     if (given->size() != 0 && given->size() != dofs)
       throw UsageError(fmt::format("image correlation: {} displacements to start with, the mesh has {}",
@@ -353,10 +354,9 @@ void ImageCorrelation::set_deformed(const files::Picture& deformed) {
 
 std::vector<float> ImageCorrelation::residual_picture(const CorrelationResult& result) const {
   const auto& fine = work_->fine;
-  const auto width = static_cast<std::size_t>(fine.reference().width);
-  std::vector<float> residual(width * static_cast<std::size_t>(fine.reference().height),
-                              std::numeric_limits<float>::quiet_NaN());
-  for (std::size_t e = 0; e < fine.mesh().elements.size(); ++e)
+  const std::size_t width = fine.reference().width;
+  std::vector<float> residual(width * fine.reference().height, std::numeric_limits<float>::quiet_NaN());
+  for (Index e = 0; e < std::ssize(fine.mesh().elements); ++e)
     residual_pixels(fine.pixels(), fine.pixels().elements()[e], fine.reference().view(), work_->deformed,
                     fine.motion(e, result), residual.data(), width);
   return residual;

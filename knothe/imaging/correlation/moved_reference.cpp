@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/imaging/correlation/correlation_noise.hpp"
 
 namespace knothe::imaging {
@@ -22,33 +23,32 @@ MovedReference::MovedReference(const files::Picture& picture, const ImageMesh& m
       base_std_(std::move(base_std)),
       elements_(mesh.elements.size()) {
   ImageMesh whole = mesh, moved;
-  for (std::size_t a = 0; a < mesh.x.size(); ++a) {
-    const auto dof = static_cast<Eigen::Index>(2 * a);
+  for (Index a = 0; a < std::ssize(mesh.x); ++a) {
+    const Index dof = 2 * a;
     whole.x[a] += base_[dof], whole.y[a] += base_[dof + 1];
   }
   std::vector<int> number(mesh.x.size(), -1);
-  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+  for (Index e = 0; e < std::ssize(mesh.elements); ++e) {
     const auto& nodes = mesh.elements[e];
-    const auto n = static_cast<std::size_t>(ImageMesh::nodes_of(nodes));
-    const bool inside =
-        std::all_of(nodes.begin(), nodes.begin() + static_cast<std::ptrdiff_t>(n), [&](int node) {
-          const auto i = static_cast<std::size_t>(node);
-          return whole.x[i] >= 0 && whole.y[i] >= 0 && whole.x[i] <= picture.width - 1 &&
-                 whole.y[i] <= picture.height - 1;
-        });
+    const std::size_t n = ImageMesh::nodes_of(nodes);
+    const bool inside = std::all_of(nodes.begin(), nodes.begin() + n, [&](int node) {
+      const std::size_t i = node;
+      return whole.x[i] >= 0 && whole.y[i] >= 0 && whole.x[i] <= picture.width - 1 &&
+             whole.y[i] <= picture.height - 1;
+    });
     if (base.element_valid[e] == 0 || !inside) continue;
     const auto shape = whole.shape_functions(nodes, 0, 0);
     if (!shape.is_valid() || shape.area() < k_min_area) continue;
     std::array<int, 4> mine{-1, -1, -1, -1};
     for (std::size_t a = 0; a < n; ++a) {
-      const auto i = static_cast<std::size_t>(nodes[a]);
+      const std::size_t i = nodes[a];
       if (number[i] < 0) {
         number[i] = moved.node_count();
         moved.x.push_back(whole.x[i]), moved.y.push_back(whole.y[i]), node_.push_back(nodes[a]);
       }
       mine[a] = number[i];
     }
-    moved.elements.push_back(mine), element_.push_back(static_cast<int>(e));
+    moved.elements.push_back(mine), element_.push_back(e);
   }
   if (moved.elements.empty()) throw UsageError("no element is left for another reference picture");
   correlation_ = std::make_unique<ImageCorrelation>(picture, std::move(moved), options);
@@ -57,30 +57,28 @@ MovedReference::MovedReference(const files::Picture& picture, const ImageMesh& m
 CorrelationResult MovedReference::correlate(const files::Picture& deformed, const Eigen::VectorXd& start) {
   Eigen::VectorXd own;
   if (start.size() != 0) {
-    own.resize(2 * static_cast<Eigen::Index>(node_.size()));
-    for (std::size_t a = 0; a < node_.size(); ++a)
-      own.segment<2>(2 * static_cast<Eigen::Index>(a)) =
-          start.segment<2>(2 * node_[a]) - base_.segment<2>(2 * node_[a]);
+    own.resize(2 * std::ssize(node_));
+    for (Index a = 0; a < std::ssize(node_); ++a)
+      own.segment<2>(2 * a) = start.segment<2>(2 * node_[a]) - base_.segment<2>(2 * node_[a]);
   }
   last_ =
       correlation_->correlate(deformed, own, start.size() != 0 ? last_.element_valid : std::vector<char>{});
   CorrelationResult result = last_;
   result.displacement = base_;
   if (last_.unregularised.size() > 0) result.unregularised = base_unregularised_;
-  for (std::size_t a = 0; a < node_.size(); ++a) {
-    const auto mine = 2 * static_cast<Eigen::Index>(a);
+  for (Index a = 0; a < std::ssize(node_); ++a) {
+    const Index mine = 2 * a;
     result.displacement.segment<2>(2 * node_[a]) += last_.displacement.segment<2>(mine);
     if (last_.unregularised.size() > 0)
       result.unregularised.segment<2>(2 * node_[a]) += last_.unregularised.segment<2>(mine);
   }
   result.element_valid.assign(elements_, 0);
   result.element_residual.assign(elements_, 0);
-  for (std::size_t e = 0; e < element_.size(); ++e) {
+  for (Index e = 0; e < std::ssize(element_); ++e) {
     result.element_valid[element_[e]] = last_.element_valid[e];
     result.element_residual[element_[e]] = last_.element_residual[e];
   }
-  result.elements_rejected =
-      static_cast<int>(std::count(result.element_valid.begin(), result.element_valid.end(), 0));
+  result.elements_rejected = std::count(result.element_valid.begin(), result.element_valid.end(), 0);
   return result;
 }
 
@@ -92,7 +90,7 @@ MovedReference::Noise MovedReference::noise_of_last(double gamma) const {
   Noise noise;
   const auto [own, own_std] =
       displacement_precision(*correlation_, last_.element_valid, gamma, 1, last_.gain);
-  const auto dof = [this](Eigen::Index i) { return 2 * node_[i / 2] + static_cast<int>(i % 2); };
+  const auto dof = [this](Index i) { return 2 * node_[i / 2] + static_cast<int>(i % 2); };
   std::vector<Eigen::Triplet<double>> entries;
   for (int column = 0; column < own.outerSize(); ++column)
     for (Eigen::SparseMatrix<double>::InnerIterator it(own, column); it; ++it)
@@ -101,7 +99,7 @@ MovedReference::Noise MovedReference::noise_of_last(double gamma) const {
   noise.increment.setFromTriplets(entries.begin(), entries.end());
   noise.increment_std.setZero(base_.size());
   noise.std.setZero(base_.size());
-  for (Eigen::Index i = 0; i < own_std.size(); ++i) {
+  for (Index i = 0; i < own_std.size(); ++i) {
     if (!(own_std[i] > 0)) continue;
     noise.increment_std[dof(i)] = own_std[i];
     noise.std[dof(i)] = std::hypot(own_std[i], base_std_[dof(i)]);

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::imaging {
 
 namespace {
@@ -11,7 +13,7 @@ files::Picture halved(const files::Picture& picture, bool is_mask) {
   files::Picture half;
   half.width = picture.width / 2, half.height = picture.height / 2;
   half.bit_depth = picture.bit_depth, half.maximum = picture.maximum;
-  half.pixels.resize(static_cast<std::size_t>(half.width) * static_cast<std::size_t>(half.height));
+  half.pixels.resize(static_cast<std::size_t>(half.width) * half.height);
   for (int y = 0; y < half.height; ++y) {
     const float *upper = picture.row(2 * y), *lower = picture.row(2 * y + 1);
     for (int x = 0; x < half.width; ++x) {
@@ -47,9 +49,9 @@ std::array<double, 2> best_shift(const PyramidLevel& reference, const files::Pic
   for (int y = 0; y < f.height; ++y)
     for (int x = 0; x < f.width; ++x)
       if (reference.mask.pixels.empty() || reference.mask.at(x, y) > 0)
-        pixels.push_back({x, y, static_cast<double>(f.at(x, y))}), mean += pixels.back().value;
+        pixels.push_back({x, y, f.at(x, y)}), mean += pixels.back().value;
   if (pixels.empty()) return {0, 0};
-  mean /= static_cast<double>(pixels.size());
+  mean /= pixels.size();
   const int reach_x = std::min(16, f.width / 4), reach_y = std::min(16, f.height / 4);
   std::array<double, 2> best{0, 0};
   double highest = -2;
@@ -59,10 +61,10 @@ std::array<double, 2> best_shift(const PyramidLevel& reference, const files::Pic
       for (const Pixel& p : pixels) {
         const int x = p.x + dx, y = p.y + dy;
         if (x < 0 || y < 0 || x >= deformed.width || y >= deformed.height) continue;
-        const double g = static_cast<double>(deformed.at(x, y)), v = p.value - mean;
+        const double g = deformed.at(x, y), v = p.value - mean;
         product += v * g, g_sum += g, g_squares += g * g, f_sum += v, f_squares += v * v, count += 1;
       }
-      if (count < 0.5 * static_cast<double>(pixels.size())) continue;
+      if (count < 0.5 * pixels.size()) continue;
       const double spread = (f_squares - f_sum * f_sum / count) * (g_squares - g_sum * g_sum / count);
       if (!(spread > 0)) continue;
       // Small shifts win where nothing tells them apart.
@@ -81,7 +83,7 @@ void transfer(const ImageMesh& from, const Eigen::VectorXd& displacement, int fr
   const double scale = std::pow(2.0, from_level_number - to_level_number);
   out.setZero(2 * to.node_count());
   for (int a = 0; a < to.node_count(); ++a) {
-    const auto i = static_cast<std::size_t>(a);
+    const std::size_t i = a;
     const double x = std::clamp(to_level(from_level(to.x[i], to_level_number), from_level_number), bounds.x0,
                                 bounds.x1),
                  y = std::clamp(to_level(from_level(to.y[i], to_level_number), from_level_number), bounds.y0,
@@ -89,7 +91,7 @@ void transfer(const ImageMesh& from, const Eigen::VectorXd& displacement, int fr
     const auto place = locator.find(x, y);
     if (place.element < 0) continue;
     const auto& nodes = from.elements[place.element];
-    for (std::size_t n = 0; n < static_cast<std::size_t>(ImageMesh::nodes_of(nodes)); ++n)
+    for (Index n = 0; n < ImageMesh::nodes_of(nodes); ++n)
       for (int k = 0; k < 2; ++k) out[2 * a + k] += scale * place.shape[n] * displacement[2 * nodes[n] + k];
   }
 }

@@ -2,6 +2,8 @@
 
 #include <map>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::imaging {
 
 namespace {
@@ -16,7 +18,7 @@ Sparse matrix_of(const Entries& entries, int size) {
 }
 
 ShapeFunctions shape_of(const ImageMesh& mesh, const std::array<int, 4>& nodes) {
-  const auto first = static_cast<std::size_t>(nodes[0]);
+  const std::size_t first = nodes[0];
   return mesh.shape_functions(nodes, mesh.x[first], mesh.y[first]);
 }
 
@@ -25,7 +27,7 @@ std::vector<char> inner_nodes(const ImageMesh& mesh, const std::vector<char>& ca
   std::map<std::array<int, 2>, int> edges;
   std::vector<char> inside(mesh.x.size(), 0);
   const auto each_edge = [&](const auto& visit) {
-    for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+    for (Index e = 0; e < std::ssize(mesh.elements); ++e) {
       const auto& nodes = mesh.elements[e];
       const int n = ImageMesh::nodes_of(nodes);
       for (int a = 0; a < n && carries[e] != 0; ++a) {
@@ -49,7 +51,7 @@ std::vector<char> inner_nodes(const ImageMesh& mesh, const std::vector<char>& ca
 Sparse gradient_penalty(const ImageMesh& mesh) {
   Entries entries;
   for (const auto& nodes : mesh.elements) {
-    const auto n = static_cast<std::size_t>(ImageMesh::nodes_of(nodes));
+    const std::size_t n = ImageMesh::nodes_of(nodes);
     for (const auto& point : shape_of(mesh, nodes).integration_points())
       for (std::size_t a = 0; a < n; ++a)
         for (std::size_t b = 0; b < n; ++b) {
@@ -67,12 +69,12 @@ Sparse equilibrium_gap_penalty(const ImageMesh& mesh, const std::vector<char>& c
   const std::vector<char> inside = inner_nodes(mesh, carries);
   std::vector<double> area(mesh.x.size(), 0);
   Entries entries;
-  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+  for (Index e = 0; e < std::ssize(mesh.elements); ++e) {
     if (carries[e] == 0) continue;
     const auto& nodes = mesh.elements[e];
-    const auto n = static_cast<std::size_t>(ImageMesh::nodes_of(nodes));
+    const std::size_t n = ImageMesh::nodes_of(nodes);
     const ShapeFunctions shape = shape_of(mesh, nodes);
-    for (std::size_t a = 0; a < n; ++a) area[nodes[a]] += shape.area() / static_cast<double>(n);
+    for (std::size_t a = 0; a < n; ++a) area[nodes[a]] += shape.area() / n;
     for (const auto& point : shape.integration_points())
       for (std::size_t a = 0; a < n; ++a) {
         if (inside[nodes[a]] == 0) continue;  // no equation of this node

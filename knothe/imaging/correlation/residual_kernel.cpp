@@ -13,7 +13,7 @@ namespace {
 namespace stdx = std::experimental;
 using Lanes = stdx::native_simd<float>;
 using Mask = Lanes::mask_type;
-constexpr int k_lanes = static_cast<int>(Lanes::size());
+constexpr int k_lanes = Lanes::size();
 static_assert(k_lanes <= 16, "SplineImage pads for 16 lanes");
 
 Lanes load(const float* from) {
@@ -100,10 +100,9 @@ struct RowShift {
 [[gnu::always_inline]] inline RowShift row_shift(const SplineImage& g, const ElementPixels::Row& row,
                                                  float u_min, float u_max, float v_min, float v_max) {
   const RowShift s{true, std::floor(u_min), std::floor(v_min)};
-  const auto last = static_cast<float>(row.x + row.count - 1), x = static_cast<float>(row.x),
-             y = static_cast<float>(row.y);
-  const bool seen = x + u_min >= 0 && y + v_min >= 0 && last + u_max <= static_cast<float>(g.width() - 1) &&
-                    y + v_max <= static_cast<float>(g.height() - 1);
+  const float last = row.x + row.count - 1, x = row.x, y = row.y;
+  const bool seen =
+      x + u_min >= 0 && y + v_min >= 0 && last + u_max <= g.width() - 1 && y + v_max <= g.height() - 1;
   return seen && s.u == std::floor(u_max) && s.v == std::floor(v_max) ? s : RowShift{};
 }
 
@@ -119,7 +118,7 @@ struct Pixels {
 };
 Pixels natural_pixels(const float* xi, const float* eta, const ElementMotion& m) {
   Pixels p{load(xi), load(eta), 0.0F, 0.0F};
-  const auto at = [](double value) { return static_cast<float>(value); };
+  const auto at = [](double value) -> float { return value; };
   p.u = at(m.u[0]) + at(m.u[1]) * p.x + (at(m.u[2]) + at(m.u[3]) * p.x) * p.y;
   p.v = at(m.v[0]) + at(m.v[1]) * p.x + (at(m.v[2]) + at(m.v[3]) * p.x) * p.y;
   return p;
@@ -163,7 +162,7 @@ std::array<int, 2> whole_pixels(const ElementMotion& m) {
 
 /// 0, 1, 2 …
 Lanes lane_numbers() {
-  return Lanes([](auto i) { return static_cast<float>(i); });
+  return Lanes([](auto i) -> float { return i; });
 }
 
 /// `natural`: X and Y of each pixel from the table, instead of steps along its row.
@@ -180,12 +179,11 @@ ResidualSums sums_of(const PixelTable& table, const ElementPixels& element, cons
     fetch(table.row_ahead(row, k_rows_ahead), f, g, whole);
     const double y = row.y - element.y_origin;
     const RowMotion m = row_motion(motion, y);
-    const auto yy = static_cast<float>(y);
+    const float yy = y;
     const std::size_t at = f.index(row.x, row.y);
     const RowShift shift = [&] {
       if constexpr (natural) return row_shift(g, row, range.u_min, range.u_max, range.v_min, range.v_max);
-      const auto first = static_cast<float>(row.x - element.x_origin),
-                 last = static_cast<float>(row.x + row.count - 1 - element.x_origin);
+      const float first = row.x - element.x_origin, last = row.x + row.count - 1 - element.x_origin;
       const float ua = m.u0 + m.u1 * first, ub = m.u0 + m.u1 * last, va = m.v0 + m.v1 * first,
                   vb = m.v0 + m.v1 * last;
       return row_shift(g, row, std::min(ua, ub), std::max(ua, ub), std::min(va, vb), std::max(va, vb));
@@ -195,7 +193,7 @@ ResidualSums sums_of(const PixelTable& table, const ElementPixels& element, cons
                                              : nullptr;
     const bool level = !natural && shift.common && std::abs(m.v1) <= k_level && row.count <= k_longest_row;
     if (level) {
-      const auto x_first = static_cast<float>(row.x - element.x_origin);
+      const float x_first = row.x - element.x_origin;
       // The path crosses column j where X + u₀ + u₁ X is the column's place.
       const float slope = m.v1 / (1 + m.u1), x_column = x_first + shift.u - 2 - m.u0;
       interpolate_columns(coefficients, g.stride(), row.count, m.v0 + slope * x_column - shift.v, slope, lane,
@@ -215,7 +213,7 @@ ResidualSums sums_of(const PixelTable& table, const ElementPixels& element, cons
                           : shift.common
                               ? interpolated(coefficients + k, g.stride(), p.u - shift.u, p.v - shift.v)
                               : deformed(g, row.x + k, row.y, p.u, p.v, row.count - k, lane, seen);
-      const std::size_t i = at + static_cast<std::size_t>(k);
+      const std::size_t i = at + k;
       Lanes reference = load(f.value + i), r = reference - motion.gain * value - motion.offset, use = 1.0F;
       const Mask out = !seen || reference != reference;
       stdx::where(out, reference) = 0.0F, stdx::where(out, r) = 0.0F, stdx::where(out, use) = 0.0F;
@@ -230,7 +228,7 @@ ResidualSums sums_of(const PixelTable& table, const ElementPixels& element, cons
   }
   const auto total = [](const Lanes& lanes) {
     double all = 0;
-    for (int i = 0; i < k_lanes; ++i) all += static_cast<double>(lanes[i]);
+    for (int i = 0; i < k_lanes; ++i) all += lanes[i];
     return all;
   };
   return {{total(x0), total(x1), total(x2), total(x3)},
@@ -267,10 +265,10 @@ void residual_pixels(const PixelTable& table, const ElementPixels& element, cons
       const Lanes value = deformed(g, row.x + k, row.y, u, v, row.count - k, lane, seen);
       const std::size_t i = f.index(row.x + k, row.y);
       for (int l = 0; l < std::min(k_lanes, row.count - k); ++l) {
-        const auto s = static_cast<std::size_t>(l);
-        out[static_cast<std::size_t>(row.y) * stride + static_cast<std::size_t>(row.x + k + l)] =
-            seen[s] ? f.value[i + s] - motion.gain * value[s] - motion.offset
-                    : std::numeric_limits<float>::quiet_NaN();
+        const std::size_t s = l;
+        out[row.y * stride + row.x + k + l] = seen[s]
+                                                  ? f.value[i + s] - motion.gain * value[s] - motion.offset
+                                                  : std::numeric_limits<float>::quiet_NaN();
       }
     }
   }

@@ -16,9 +16,7 @@ struct ReferenceRows {
   std::size_t stride;
   PixelRows rows;
   /// Of a pixel of the picture.
-  [[nodiscard]] std::size_t index(int x, int y) const {
-    return static_cast<std::size_t>(y - rows.first) * stride + static_cast<std::size_t>(x);
-  }
+  [[nodiscard]] std::size_t index(int x, int y) const { return (y - rows.first) * stride + x; }
   [[nodiscard]] bool contains(int x, int y) const {
     return x >= 0 && static_cast<std::size_t>(x) < stride && y >= rows.first && y < rows.end;
   }

@@ -8,6 +8,7 @@
 #include <experimental/simd>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/threads.hpp"
 
 namespace knothe::imaging {
@@ -36,7 +37,7 @@ double cubic_response(int k) {
 std::vector<float> coefficient_taps(double prefilter_sigma, double (*response)(int)) {
   const std::vector<float> smooth =
       prefilter_sigma > 0 ? gaussian_taps(prefilter_sigma) : std::vector<float>{1};
-  const int radius = static_cast<int>(smooth.size()) - 1;
+  const int radius = smooth.size() - 1;
   std::vector<double> taps;
   for (int k = 0; k <= radius + k_spline_reach; ++k) {
     double sum = 0;
@@ -72,7 +73,7 @@ double spline_response(int k) {
 }
 
 std::vector<float> gaussian_taps(double sigma) {
-  const int radius = static_cast<int>(std::ceil(4 * sigma));
+  const int radius = std::ceil(4 * sigma);
   std::vector<double> h;
   double sum = 0;
   for (int k = 0; k <= radius; ++k) {
@@ -80,7 +81,7 @@ std::vector<float> gaussian_taps(double sigma) {
     sum += (k == 0 ? 1 : 2) * h.back();
   }
   std::vector<float> taps;
-  for (const double value : h) taps.push_back(static_cast<float>(value / sum));
+  for (const double value : h) taps.push_back(value / sum);
   return taps;
 }
 
@@ -99,7 +100,7 @@ std::size_t filter_columns(std::size_t x, std::size_t width, std::span<const flo
   for (; x + columns * k_lanes <= width; x += columns * k_lanes) {
     std::array<Lanes, columns> sum;
     for (std::size_t c = 0; c < columns; ++c) sum[c] = taps[0] * load(centre + x + c * k_lanes);
-    for (std::size_t k = 1; k < taps.size(); ++k) {
+    for (Index k = 1; k < std::ssize(taps); ++k) {
       const float *one = before(k) + x, *other = after(k) + x;
       const Lanes h = taps[k];
       for (std::size_t c = 0; c < columns; ++c)
@@ -117,7 +118,7 @@ void filter_line(std::size_t width, std::span<const float> taps, const float* ce
   x = filter_columns<1>(x, width, taps, centre, before, after, out);
   for (; x < width; ++x) {
     float sum = taps[0] * centre[x];
-    for (std::size_t k = 1; k < taps.size(); ++k) sum += taps[k] * (before(k)[x] + after(k)[x]);
+    for (Index k = 1; k < std::ssize(taps); ++k) sum += taps[k] * (before(k)[x] + after(k)[x]);
     out[x] = sum;
   }
 }
@@ -126,25 +127,24 @@ void filter_line(std::size_t width, std::span<const float> taps, const float* ce
 
 void filter_picture(const float* in, int width, int height, std::span<const float> taps, float* out,
                     std::size_t out_stride, int threads) {
-  const auto w = static_cast<std::size_t>(width), radius = taps.size() - 1,
-             blocks = static_cast<std::size_t>((height + k_block_rows - 1) / k_block_rows);
-  const auto row_of = [&](int y) { return in + w * static_cast<std::size_t>(reflected(y, height)); };
-  parallel_for(blocks, static_cast<std::size_t>(threads), [&](std::size_t block) {
+  const std::size_t w = width, radius = taps.size() - 1, blocks = (height + k_block_rows - 1) / k_block_rows;
+  const auto row_of = [&](int y) { return in + w * reflected(y, height); };
+  parallel_for(blocks, threads, [&](std::size_t block) {
     std::vector<float> row(w + 2 * radius);  // down the columns, with its reflections at both ends
     float* centre = row.data() + radius;
-    const int first = static_cast<int>(block) * k_block_rows;
+    const int first = block * k_block_rows;
     for (int y = first; y < std::min(height, first + k_block_rows); ++y) {
       filter_line(
-          w, taps, row_of(y), [&](std::size_t k) { return row_of(y - static_cast<int>(k)); },
-          [&](std::size_t k) { return row_of(y + static_cast<int>(k)); }, centre);
+          w, taps, row_of(y), [&](std::size_t k) { return row_of(y - k); },
+          [&](std::size_t k) { return row_of(y + k); }, centre);
       for (std::size_t k = 1; k <= radius; ++k) {
-        const int i = static_cast<int>(k);
+        const int i = k;
         *(centre - k) = centre[reflected(-i, width)],
                    centre[w - 1 + k] = centre[reflected(width - 1 + i, width)];
       }
       filter_line(
           w, taps, centre, [&](std::size_t k) { return centre - k; },
-          [&](std::size_t k) { return centre + k; }, out + out_stride * static_cast<std::size_t>(y));
+          [&](std::size_t k) { return centre + k; }, out + out_stride * y);
     }
   });
 }
@@ -164,13 +164,13 @@ void SplineImage::assign_filtered(const files::Picture& picture, std::span<const
                     picture.width, picture.height));
   width_ = picture.width;
   height_ = picture.height;
-  const auto w = static_cast<std::size_t>(width_), h = static_cast<std::size_t>(height_);
+  const std::size_t w = width_, h = height_;
   // The border takes part in loads of whole vectors, 16 floats from anywhere in a row.
   stride_ = (w + 2 * k_border + 31) / 16 * 16;
   const std::size_t size = stride_ * (h + 2 * k_border) + 2 * k_pad;
   if (coefficients_.size() != size) coefficients_.assign(size, 0.0F);
   const auto row_of = [&](int j) {
-    return coefficients_.data() + k_pad + static_cast<std::size_t>(j + k_border) * stride_ + k_border;
+    return coefficients_.data() + k_pad + (j + k_border) * stride_ + k_border;
   };
   filter_picture(picture.pixels.data(), width_, height_, taps, row_of(0), stride_, threads);
   for (int j = 0; j < height_; ++j) {
@@ -184,14 +184,14 @@ void SplineImage::assign_filtered(const files::Picture& picture, std::span<const
 }
 
 SplineImage::Value SplineImage::at(double x, double y) const {
-  const int i = std::clamp(static_cast<int>(std::floor(x)), 0, width_ - 1),
-            j = std::clamp(static_cast<int>(std::floor(y)), 0, height_ - 1);
-  const auto tx = static_cast<float>(x - i), ty = static_cast<float>(y - j);
+  const int i = std::clamp<int>(std::floor(x), 0, width_ - 1),
+            j = std::clamp<int>(std::floor(y), 0, height_ - 1);
+  const float tx = x - i, ty = y - j;
   const auto wx = spline_weights(tx), wy = spline_weights(ty), dx = spline_slopes(tx), dy = spline_slopes(ty);
   Value result{0, 0, 0};
   for (int b = 0; b < 6; ++b) {
     const float* row = coefficient(i - 2, j - 2 + b);
-    const auto r = static_cast<std::size_t>(b);
+    const std::size_t r = b;
     float value = 0, slope = 0;
     for (std::size_t a = 0; a < 6; ++a) value += wx[a] * row[a], slope += dx[a] * row[a];
     result.value += wy[r] * value;
@@ -210,13 +210,13 @@ PixelGradients pixel_gradients(const files::Picture& picture, double prefilter_s
   SplineImage cubic;
   cubic.assign_filtered(picture, coefficient_taps(prefilter_sigma, cubic_response), threads);
   PixelGradients made;
-  const auto width = static_cast<std::size_t>(picture.width);
+  const std::size_t width = picture.width;
   for (auto* values : {&made.value, &made.dx, &made.dy})
-    values->resize(width * static_cast<std::size_t>(rows.end - rows.first) + k_vector_padding);
+    values->resize(width * (rows.end - rows.first) + k_vector_padding);
   for (int y = rows.first; y < rows.end; ++y) {
     const float *up = cubic.coefficient(0, y - 1), *here = cubic.coefficient(0, y),
                 *down = cubic.coefficient(0, y + 1);
-    const std::size_t at = width * static_cast<std::size_t>(y - rows.first);
+    const std::size_t at = width * (y - rows.first);
     float *v = made.value.data() + at, *gx = made.dx.data() + at, *gy = made.dy.data() + at;
     const auto down_sum = [&](std::ptrdiff_t x) { return (up[x] + 4 * here[x] + down[x]) / 6; };
     const auto down_slope = [&](std::ptrdiff_t x) { return (down[x] - up[x]) / 2; };

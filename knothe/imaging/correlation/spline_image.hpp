@@ -70,7 +70,7 @@ class SplineImage {
   /// Coefficient (i, j) and its neighbours: row j + 1 is `stride()` further on. −3 ≤ j ≤ height + 2; a vector
   /// of up to 16 coefficients may be read from −18 ≤ i ≤ width + 2.
   [[nodiscard]] const float* coefficient(int i, int j) const {
-    return coefficients_.data() + k_pad + static_cast<std::size_t>(j + k_border) * stride_ + i + k_border;
+    return coefficients_.data() + k_pad + (j + k_border) * stride_ + i + k_border;
   }
   [[nodiscard]] std::size_t stride() const { return stride_; }
 

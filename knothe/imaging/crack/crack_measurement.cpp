@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/imaging/crack/crack_opening.hpp"
 #include "knothe/imaging/crack/crack_path.hpp"
 #include "knothe/imaging/crack/crack_tip.hpp"
@@ -43,7 +44,7 @@ std::vector<CrackPoint> points_of(const std::vector<SideJump>& jumps, const Roug
                                   const CrackView& view, const std::array<double, 2>& d, bool reversed) {
   std::vector<CrackPoint> points;
   double along = 0;
-  for (std::size_t k = 0; k < jumps.size(); ++k) {
+  for (Index k = 0; k < std::ssize(jumps); ++k) {
     const std::size_t i = reversed ? jumps.size() - 1 - k : k;
     const SideJump& j = jumps[i];
     CrackPoint p;
@@ -68,8 +69,8 @@ TipPosterior tip_of(const std::vector<CrackPoint>& points, double band) {
 }
 
 std::array<double, 2> place_at(const std::vector<CrackPoint>& path, double along) {
-  for (std::size_t i = 1; i < path.size(); ++i)
-    if (path[i].along >= along || i + 1 == path.size()) {
+  for (Index i = 1; i < std::ssize(path); ++i)
+    if (path[i].along >= along || i + 1 == std::ssize(path)) {
       const double share =
           std::clamp((along - path[i - 1].along) / (path[i].along - path[i - 1].along), -0.5, 1.0);
       return {path[i - 1].x + share * (path[i].x - path[i - 1].x),

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::imaging {
 
 namespace {
@@ -41,23 +43,22 @@ std::optional<Edge> edge_of(const CrackScene& scene, const RoughPath& path, doub
   std::vector<WindowPixel> pixels;
   Eigen::Matrix4d matrix = Eigen::Matrix4d::Zero();
   double wanted = 0;
-  for (int s = static_cast<int>(std::ceil(s_middle - 0.5 * path.step)); s < s_middle + 0.5 * path.step; ++s) {
+  for (int s = std::ceil(s_middle - 0.5 * path.step); s < s_middle + 0.5 * path.step; ++s) {
     const double edge = path.at(s);
     const double near = edge + sign * gap, far = edge + sign * (gap + reach);
-    for (int t = static_cast<int>(std::ceil(std::min(near, far))); t <= std::max(near, far); ++t) {
+    for (int t = std::ceil(std::min(near, far)); t <= std::max(near, far); ++t) {
       wanted += 1;
       if (!scene.inside(t, s)) continue;
       const std::size_t i = scene.index(t, s);
       if (!scene.reference.counts(i)) continue;
-      const auto gradient = scene.view.swap(static_cast<double>(scene.reference.dx[i]),
-                                            static_cast<double>(scene.reference.dy[i]));
+      const auto gradient = scene.view.swap(scene.reference.dx[i], scene.reference.dy[i]);
       pixels.push_back({t, s, (t - edge) / reach, gradient[0], gradient[1]});
       const auto& p = pixels.back();
       const Eigen::Vector4d row(p.dt, p.dt * p.along, p.ds, p.ds * p.along);
       matrix += row * row.transpose();
     }
   }
-  if (static_cast<double>(pixels.size()) < std::max(20.0, k_min_pixels * wanted)) return std::nullopt;
+  if (pixels.size() < std::max(20.0, k_min_pixels * wanted)) return std::nullopt;
   const double prior = variance / (freedom * freedom);
   matrix(1, 1) += prior, matrix(3, 3) += prior;
   const Eigen::LLT<Eigen::Matrix4d> factor(matrix);
@@ -104,9 +105,9 @@ std::optional<Edge> edge_of(const CrackScene& scene, const RoughPath& path, doub
 std::vector<SideJump> side_jumps(const CrackScene& scene, const RoughPath& path, double gap, double reach,
                                  double margin, double variance) {
   std::vector<SideJump> jumps;
-  for (std::size_t b = 0; b < path.t.size(); ++b) {
+  for (Index b = 0; b < std::ssize(path.t); ++b) {
     SideJump jump;
-    jump.s = path.first + static_cast<double>(b) * path.step, jump.t = path.t[b];
+    jump.s = path.first + b * path.step, jump.t = path.t[b];
     const auto far = edge_of(scene, path, jump.s, 1, gap, reach, margin, variance),
                near = edge_of(scene, path, jump.s, -1, gap, reach, margin, variance);
     if (far && near) {

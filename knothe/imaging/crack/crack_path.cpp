@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/statistics/order_statistics.hpp"
 
 namespace knothe::imaging {
@@ -29,18 +30,18 @@ std::vector<double> stretches(const ImageCorrelation& correlation, const Correla
                               double size) {
   const ImageMesh& mesh = correlation.mesh();
   std::vector<double> stretch(mesh.elements.size(), 0), seen;
-  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+  for (Index e = 0; e < std::ssize(mesh.elements); ++e) {
     if (result.element_valid[e] == 0) continue;
     const auto& nodes = mesh.elements[e];
     double x = 0, y = 0;
     const int n = ImageMesh::nodes_of(nodes);
-    for (std::size_t a = 0; a < static_cast<std::size_t>(n); ++a) {
-      const auto node = static_cast<std::size_t>(nodes[a]);
+    for (Index a = 0; a < n; ++a) {
+      const std::size_t node = nodes[a];
       x += mesh.x[node] / n, y += mesh.y[node] / n;
     }
     const auto gradients = mesh.shape_functions(nodes, x, y).gradients(x, y);
     std::array<double, 4> g{};  // du/dx, du/dy, dv/dx, dv/dy at the centre
-    for (std::size_t a = 0; a < static_cast<std::size_t>(n); ++a)
+    for (Index a = 0; a < n; ++a)
       for (int k = 0; k < 2; ++k) {
         const double u = result.displacement[2 * nodes[a] + k];
         g[2 * k] += gradients[a][0] * u;
@@ -53,11 +54,11 @@ std::vector<double> stretches(const ImageCorrelation& correlation, const Correla
   for (double& s : seen) s = std::abs(s - middle);
   const double floor = middle + k_stretched * 1.4826 * numerics::upper_median(seen);
   double widest = k_min_open;
-  for (std::size_t e = 0; e < stretch.size(); ++e) {
+  for (Index e = 0; e < std::ssize(stretch); ++e) {
     if (result.element_valid[e] != 0) stretch[e] = std::max(0.0, stretch[e] - floor);
     widest = std::max(widest, stretch[e]);
   }
-  for (std::size_t e = 0; e < stretch.size(); ++e)
+  for (Index e = 0; e < std::ssize(stretch); ++e)
     if (result.element_valid[e] == 0 && correlation.usable_elements()[e] != 0) stretch[e] = widest;
   for (double& s : stretch) s = std::sqrt(s / widest);  // narrow openings lead the path too
   return stretch;
@@ -71,8 +72,8 @@ std::optional<double> CrackScene::residual(int t, int s, const std::array<double
   if (!reference.counts(i)) return std::nullopt;
   const auto at = view.swap(t + motion[0], s + motion[1]);
   if (!deformed->contains(at[0], at[1])) return std::nullopt;
-  return static_cast<double>(reference.value[i]) -
-         result->gain * static_cast<double>(deformed->at(at[0], at[1]).value) - result->offset;
+  return static_cast<double>(reference.value[i]) - result->gain * deformed->at(at[0], at[1]).value -
+         result->offset;
 }
 
 std::optional<SideMotion> CrackScene::side(double t, double s, int sign, double margin) const {
@@ -108,9 +109,9 @@ CrackScene crack_scene(const ImageCorrelation& correlation, const CorrelationRes
   for (const auto& e : correlation.pixels().elements()) sizes.push_back(std::sqrt(e.pixel_count));
   scene.element = std::max(3.0, numerics::upper_median(sizes));
   const auto measured = measured_nodes(mesh, result.element_valid);
-  for (std::size_t a = 0; a < mesh.x.size(); ++a) {
+  for (Index a = 0; a < std::ssize(mesh.x); ++a) {
     if (measured[a] == 0) continue;
-    const auto i = static_cast<Eigen::Index>(2 * a);
+    const Index i = 2 * a;
     const auto place = scene.view.swap(mesh.x[a], mesh.y[a]);
     const auto motion = scene.view.swap(result.displacement[i], result.displacement[i + 1]);
     scene.nodes.push_back({place[0], place[1], motion[0], motion[1]});
@@ -120,9 +121,8 @@ CrackScene crack_scene(const ImageCorrelation& correlation, const CorrelationRes
 
 double RoughPath::at(double s) const {
   const double position = std::clamp((s - first) / step, 0.0, static_cast<double>(t.size()) - 1);
-  const auto i = std::min(static_cast<std::size_t>(position), t.size() - 1),
-             j = std::min(i + 1, t.size() - 1);
-  const double share = position - static_cast<double>(i);
+  const auto i = std::min<std::size_t>(position, t.size() - 1), j = std::min(i + 1, t.size() - 1);
+  const double share = position - i;
   return (1 - share) * t[i] + share * t[j];
 }
 
@@ -137,16 +137,16 @@ OtherOpenings other_openings(const ImageCorrelation& correlation, const CrackSce
   for (std::size_t e = 0; e < count; ++e) {
     const int n = ImageMesh::nodes_of(mesh.elements[e]);
     double x = 0, y = 0;
-    for (std::size_t a = 0; a < static_cast<std::size_t>(n); ++a) {
-      const auto node = static_cast<std::size_t>(mesh.elements[e][a]);
+    for (Index a = 0; a < n; ++a) {
+      const std::size_t node = mesh.elements[e][a];
       x += mesh.x[node] / n, y += mesh.y[node] / n;
       around[node].push_back(e);
     }
     middle[e] = scene.view.swap(x, y);
     double nearest = 1e300;
-    for (std::size_t i = 0; i < path.t.size(); ++i)
-      nearest = std::min(nearest, std::hypot(middle[e][0] - path.t[i],
-                                             middle[e][1] - path.first - path.step * static_cast<double>(i)));
+    for (Index i = 0; i < std::ssize(path.t); ++i)
+      nearest =
+          std::min(nearest, std::hypot(middle[e][0] - path.t[i], middle[e][1] - path.first - path.step * i));
     open[e] = stretch[e] > k_open_beside && nearest > k_beside * scene.element ? 1 : 0;
   }
   OtherOpenings result;
@@ -155,7 +155,7 @@ OtherOpenings other_openings(const ImageCorrelation& correlation, const CrackSce
     if (open[first] == 0) continue;
     std::vector<std::size_t> members{first};
     open[first] = 0;
-    for (std::size_t k = 0; k < members.size(); ++k)
+    for (Index k = 0; k < std::ssize(members); ++k)
       for (int a = 0; a < ImageMesh::nodes_of(mesh.elements[members[k]]); ++a)
         for (const std::size_t e : around[mesh.elements[members[k]][a]])
           if (open[e] != 0) open[e] = 0, members.push_back(e);
@@ -180,11 +180,11 @@ RoughPath stretched_path(const ImageCorrelation& correlation, const CrackScene& 
   const Region bounds = scene.mesh->bounds();
   const auto low = scene.view.swap(bounds.x0, bounds.y0), high = scene.view.swap(bounds.x1, bounds.y1);
   const double step = 0.5 * scene.element;
-  const int rows = std::max(2, static_cast<int>((high[1] - low[1]) / step)),
-            columns = std::max(2, static_cast<int>((high[0] - low[0]) / step));
+  const int rows = std::max<int>(2, (high[1] - low[1]) / step),
+            columns = std::max<int>(2, (high[0] - low[0]) / step);
   const double ds = (high[1] - low[1]) / rows, dt = (high[0] - low[0]) / columns;
-  std::vector<double> best(static_cast<std::size_t>(columns), 0), next(best);
-  std::vector<int> from(static_cast<std::size_t>(rows) * best.size(), 0);
+  std::vector<double> best(columns, 0), next(best);
+  std::vector<int> from(rows * best.size(), 0);
   for (int j = 0; j < rows; ++j) {
     for (int i = 0; i < columns; ++i) {
       const auto at = scene.view.swap(low[0] + (i + 0.5) * dt, low[1] + (j + 0.5) * ds);
@@ -195,18 +195,18 @@ RoughPath stretched_path(const ImageCorrelation& correlation, const CrackScene& 
            ++k)
         if (const double s = best[k] - k_sideways * std::abs(k - i); s > score) score = s, origin = k;
       next[i] = score + (element < 0 ? 0 : stretch[element]);
-      from[static_cast<std::size_t>(j) * best.size() + static_cast<std::size_t>(i)] = origin;
+      from[j * best.size() + i] = origin;
     }
     std::swap(best, next);
   }
   RoughPath path;
   path.first = low[1] + 0.5 * ds, path.step = ds;
-  path.t.resize(static_cast<std::size_t>(rows));
-  auto at = static_cast<int>(std::max_element(best.begin(), best.end()) - best.begin());
+  path.t.resize(rows);
+  int at = std::max_element(best.begin(), best.end()) - best.begin();
   path.score = best[at];
   for (int j = rows - 1; j >= 0; --j) {
     path.t[j] = low[0] + (at + 0.5) * dt;
-    at = from[static_cast<std::size_t>(j) * best.size() + static_cast<std::size_t>(at)];
+    at = from[j * best.size() + at];
   }
   return path;
 }
@@ -217,7 +217,7 @@ namespace {
 /// likelihood.
 std::vector<double> change_costs(const CrackScene& scene, double from, double to, int centre, int search,
                                  double margin) {
-  std::vector<double> cost(static_cast<std::size_t>(2 * search + 1), 0);
+  std::vector<double> cost(2 * search + 1, 0);
   const double middle = 0.5 * (from + to);
   const auto left = scene.side(centre, middle, -1, margin), right = scene.side(centre, middle, 1, margin);
   if (!left || !right) return cost;
@@ -228,7 +228,7 @@ std::vector<double> change_costs(const CrackScene& scene, double from, double to
   double sum = 0;
   for (int k = 0; k < 2 * search; ++k) {
     const int t = centre - search + k;
-    for (int s = static_cast<int>(std::ceil(from)); s < to; ++s) {
+    for (int s = std::ceil(from); s < to; ++s) {
       const auto l = scene.residual(t, s, left->at(t, s)), r = scene.residual(t, s, right->at(t, s));
       if (l && r) sum += 0.5 * (std::min(*l * *l, limit) - std::min(*r * *r, limit)) / variance;
     }
@@ -253,28 +253,27 @@ struct Bands {
 };
 
 std::vector<int> most_probable(const Bands& bands) {
-  const auto n = static_cast<std::size_t>(bands.candidates());
+  const std::size_t n = bands.candidates();
   std::vector<double> cost = bands.cost.front(), next(n);
   std::vector<std::vector<int>> from(bands.cost.size(), std::vector<int>(n, 0));
-  for (std::size_t b = 1; b < bands.cost.size(); ++b) {
+  for (Index b = 1; b < std::ssize(bands.cost); ++b) {
     for (std::size_t i = 0; i < n; ++i) {
       double least = std::numeric_limits<double>::infinity();
       for (std::size_t k = 0; k < n; ++k)
-        if (const double c = cost[k] + bands.turn(b, static_cast<int>(k), static_cast<int>(i)); c < least)
-          least = c, from[b][i] = static_cast<int>(k);
+        if (const double c = cost[k] + bands.turn(b, k, i); c < least) least = c, from[b][i] = k;
       next[i] = least + bands.cost[b][i];
     }
     std::swap(cost, next);
   }
   std::vector<int> path(bands.cost.size());
-  path.back() = static_cast<int>(std::min_element(cost.begin(), cost.end()) - cost.begin());
+  path.back() = std::min_element(cost.begin(), cost.end()) - cost.begin();
   for (std::size_t b = path.size(); b-- > 1;) path[b - 1] = from[b][path[b]];
   return path;
 }
 
 /// Messages of the sum over all paths, each band's scaled to a largest of 1.
 std::vector<std::vector<double>> messages(const Bands& bands, bool forward) {
-  const auto n = static_cast<std::size_t>(bands.candidates());
+  const std::size_t n = bands.candidates();
   const std::size_t count = bands.cost.size();
   std::vector<std::vector<double>> message(count, std::vector<double>(n, 1));
   for (std::size_t m = 1; m < count; ++m) {
@@ -287,9 +286,7 @@ std::vector<std::vector<double>> messages(const Bands& bands, bool forward) {
     for (std::size_t i = 0; i < n; ++i) {
       double sum = 0;
       for (std::size_t k = 0; k < n; ++k)
-        sum +=
-            arriving[k] * std::exp(-(forward ? bands.turn(b, static_cast<int>(k), static_cast<int>(i))
-                                             : bands.turn(before, static_cast<int>(i), static_cast<int>(k))));
+        sum += arriving[k] * std::exp(-(forward ? bands.turn(b, k, i) : bands.turn(before, i, k)));
       message[b][i] = sum, largest = std::max(largest, sum);
     }
     for (double& v : message[b]) v = largest > 0 ? v / largest : 1;
@@ -302,30 +299,29 @@ std::vector<std::vector<double>> messages(const Bands& bands, bool forward) {
 RoughPath refined_path(const CrackScene& scene, const RoughPath& rough, double band, double margin,
                        double search) {
   RoughPath path;
-  const double begin = rough.first - 0.5 * rough.step,
-               end = begin + rough.step * static_cast<double>(rough.t.size());
-  const int count = std::max(2, static_cast<int>(std::round((end - begin) / band)));
+  const double begin = rough.first - 0.5 * rough.step, end = begin + rough.step * rough.t.size();
+  const int count = std::max<int>(2, std::round((end - begin) / band));
   path.step = (end - begin) / count, path.first = begin + 0.5 * path.step, path.score = rough.score;
   Bands bands;
-  bands.search = static_cast<int>(std::ceil(search)), bands.scale = std::max(1.0, k_slope_scale * path.step);
+  bands.search = std::ceil(search), bands.scale = std::max(1.0, k_slope_scale * path.step);
   bands.steepest = std::max(2.0, k_steepest * path.step);
   for (int b = 0; b < count; ++b) {
     const double s = path.first + b * path.step;
-    bands.centre.push_back(static_cast<int>(std::round(rough.at(s))));
+    bands.centre.push_back(std::round(rough.at(s)));
     bands.cost.push_back(change_costs(scene, s - 0.5 * path.step, s + 0.5 * path.step, bands.centre.back(),
                                       bands.search, margin));
   }
   const auto best = most_probable(bands);
   const auto forward = messages(bands, true), backward = messages(bands, false);
-  for (std::size_t b = 0; b < bands.cost.size(); ++b) {
+  for (Index b = 0; b < std::ssize(bands.cost); ++b) {
     // Candidate k: the crack runs half a pixel before pixel centre − search + k.
     const double origin = bands.centre[b] - bands.search - 0.5;
     path.t.push_back(origin + best[b]);
     const double least = *std::min_element(bands.cost[b].begin(), bands.cost[b].end());
     double mass = 0, mean = 0, square = 0;
-    for (std::size_t k = 0; k < bands.cost[b].size(); ++k) {
+    for (Index k = 0; k < std::ssize(bands.cost[b]); ++k) {
       const double p = forward[b][k] * backward[b][k] * std::exp(least - bands.cost[b][k]);
-      const auto x = static_cast<double>(k);
+      const double x = k;
       mass += p, mean += p * x, square += p * x * x;
     }
     mean /= mass;

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::imaging {
 
 namespace {
@@ -54,7 +56,7 @@ class Profile {
   [[nodiscard]] Fit fit(double tip, double power) const {
     Matrix gram = Matrix::Zero();
     Basis right = Basis::Zero();
-    for (std::size_t i = 0; i < data_.size(); ++i) {
+    for (Index i = 0; i < std::ssize(data_); ++i) {
       if (used_[i] == 0) continue;
       const Basis b = basis(data_[i], tip, power);
       const double weight = 1 / (inflation_ * data_[i].std * data_[i].std);
@@ -81,7 +83,7 @@ class Profile {
     const Fit best = fit(tip, power);
     double squares = 0, count = 0;
     std::vector<std::pair<double, std::size_t>> far;
-    for (std::size_t i = 0; i < data_.size(); ++i) {
+    for (Index i = 0; i < std::ssize(data_); ++i) {
       if (used_[i] == 0) continue;
       const double z = (data_[i].opening - best.coefficients.dot(basis(data_[i], tip, power))) / data_[i].std;
       squares += z * z, count += 1;
@@ -91,8 +93,8 @@ class Profile {
     std::sort(far.rbegin(), far.rend());
     const double spread = std::max(1.0, far[far.size() / 2].first / 0.6745);
     for (const auto& [z, i] : far) {
-      const auto left_out = static_cast<double>(std::count(used_.begin(), used_.end(), 0));
-      if (z < k_outlier * spread || left_out + 1 > k_max_outliers * static_cast<double>(data_.size())) break;
+      const double left_out = std::count(used_.begin(), used_.end(), 0);
+      if (z < k_outlier * spread || left_out + 1 > k_max_outliers * data_.size()) break;
       used_[i] = 0, squares -= z * z, count -= 1;
     }
     const double misfit = squares / std::max(1.0, count - k_terms - 1);
@@ -118,20 +120,20 @@ TipPosterior crack_tip(std::span<const OpeningDatum> data) {
                end = last + k_beyond * profile.length();
   const int count = std::min(k_max_tips, static_cast<int>((end - first) / k_largest_step) + 2);
   const auto tip_at = [&](int i) { return first + (end - first) * (i + 0.5) / count; };
-  std::vector<double> log_density(static_cast<std::size_t>(count));
+  std::vector<double> log_density(count);
   const auto scan = [&] {
     std::pair<int, double> best{0, k_powers[0]};
     double highest = -1e300;
     for (int i = 0; i < count; ++i) {
       std::array<double, k_powers.size()> each{};
-      for (std::size_t q = 0; q < k_powers.size(); ++q) {
+      for (Index q = 0; q < std::ssize(k_powers); ++q) {
         each[q] = profile.fit(tip_at(i), k_powers[q]).log_evidence;
         if (each[q] > highest) highest = each[q], best = {i, k_powers[q]};
       }
       const double top = *std::max_element(each.begin(), each.end());
       double sum = 0;
       for (const double e : each) sum += std::exp(e - top);
-      log_density[i] = top + std::log(sum / static_cast<double>(each.size()));
+      log_density[i] = top + std::log(sum / each.size());
     }
     return best;
   };

@@ -2,6 +2,8 @@
 
 #include <array>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::imaging {
 
 namespace {
@@ -18,7 +20,7 @@ ElementGradient gradient_at(const ImageMesh& mesh, const Eigen::VectorXd& displa
   const int n = ImageMesh::nodes_of(nodes);
   const auto node = [&](int a) { return nodes[(a + n) % n]; };
   const auto edge = [&](int a) {
-    const auto p = static_cast<std::size_t>(node(at)), q = static_cast<std::size_t>(node(a));
+    const std::size_t p = node(at), q = node(a);
     return std::array<double, 4>{mesh.x[q] - mesh.x[p], mesh.y[q] - mesh.y[p],
                                  displacement[2 * node(a)] - displacement[2 * node(at)],
                                  displacement[2 * node(a) + 1] - displacement[2 * node(at) + 1]};
@@ -40,7 +42,7 @@ Eigen::MatrixXd nodal_gradients(const ImageMesh& mesh, const Eigen::VectorXd& di
                                 const std::vector<char>& element_valid) {
   Eigen::MatrixXd gradient = Eigen::MatrixXd::Zero(mesh.node_count(), 4);
   Eigen::VectorXd area = Eigen::VectorXd::Zero(mesh.node_count());
-  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+  for (Index e = 0; e < std::ssize(mesh.elements); ++e) {
     if (element_valid[e] == 0) continue;
     for (int a = 0; a < ImageMesh::nodes_of(mesh.elements[e]); ++a) {
       const auto g = gradient_at(mesh, displacement, mesh.elements[e], a);

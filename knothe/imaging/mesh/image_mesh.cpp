@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 
 namespace knothe::imaging {
 
@@ -21,7 +22,7 @@ bool row_interval(const ImageMesh& mesh, const std::array<int, 4>& element, doub
   const int n = ImageMesh::nodes_of(element);
   left = std::numeric_limits<double>::infinity(), right = -left;
   for (int a = 0; a < n; ++a) {
-    const auto p = static_cast<std::size_t>(element[a]), q = static_cast<std::size_t>(element[(a + 1) % n]);
+    const std::size_t p = element[a], q = element[(a + 1) % n];
     const double ya = mesh.y[p], yb = mesh.y[q];
     if (y < std::min(ya, yb) - k_rounding || y > std::max(ya, yb) + k_rounding) continue;
     if (std::abs(ya - yb) < k_rounding) {
@@ -41,7 +42,7 @@ Box box_of(const ImageMesh& mesh, const std::array<int, 4>& element) {
   const double far = std::numeric_limits<double>::infinity();
   Box b{far, far, -far, -far};
   for (int a = 0; a < ImageMesh::nodes_of(element); ++a) {
-    const auto p = static_cast<std::size_t>(element[a]);
+    const std::size_t p = element[a];
     b.x0 = std::min(b.x0, mesh.x[p]), b.x1 = std::max(b.x1, mesh.x[p]);
     b.y0 = std::min(b.y0, mesh.y[p]), b.y1 = std::max(b.y1, mesh.y[p]);
   }
@@ -58,7 +59,7 @@ Region ImageMesh::bounds() const {
 
 ShapeFunctions ImageMesh::shape_functions(const std::array<int, 4>& element, double x0, double y0) const {
   std::array<double, 4> at_x{}, at_y{};
-  const auto n = static_cast<std::size_t>(nodes_of(element));
+  const std::size_t n = nodes_of(element);
   for (std::size_t a = 0; a < n; ++a) {
     at_x[a] = x[element[a]];
     at_y[a] = y[element[a]];
@@ -72,8 +73,8 @@ ImageMesh structured_mesh(const Region& given, double element_size, ElementShape
   if (!(element_size >= 3))
     throw UsageError(
         fmt::format("elements of {} px: at least 3 × 3 pixels are needed, 16 to 32 are usual", element_size));
-  const int columns = std::max(1, static_cast<int>(std::lround(region.width() / element_size))),
-            rows = std::max(1, static_cast<int>(std::lround(region.height() / element_size)));
+  const int columns = std::max<int>(1, std::lround(region.width() / element_size)),
+            rows = std::max<int>(1, std::lround(region.height() / element_size));
   if (!(region.width() / columns >= 3 && region.height() / rows >= 3))
     throw UsageError(
         fmt::format("the region ({}, {}) to ({}, {}) is too small: elements need at least 3 × 3 pixels",
@@ -107,7 +108,7 @@ namespace {
 ImageMesh part_of(const ImageMesh& mesh, const std::vector<char>& wanted) {
   ImageMesh kept;
   std::vector<int> number(mesh.x.size(), -1);
-  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+  for (Index e = 0; e < std::ssize(mesh.elements); ++e) {
     if (wanted[e] == 0) continue;
     std::array<int, 4> element = mesh.elements[e];
     for (int& node : element) {
@@ -130,7 +131,7 @@ ImageMesh part_of(const ImageMesh& mesh, const std::vector<char>& wanted) {
 ImageMesh masked(const ImageMesh& mesh, const files::Picture& mask, double share) {
   const PixelTable table(mesh, mask.width, mask.height);
   std::vector<char> wanted(mesh.elements.size(), 0);
-  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+  for (Index e = 0; e < std::ssize(mesh.elements); ++e) {
     const auto& pixels = table.elements()[e];
     int set = 0;
     for (const auto& row : table.rows(pixels))
@@ -151,7 +152,7 @@ ImageMesh elements_inside(const ImageMesh& mesh, const Region& region, const Reg
            b.y0 >= std::min(r.y0, r.y1) - k_rounding && b.y1 <= std::max(r.y0, r.y1) + k_rounding;
   };
   std::vector<char> wanted(mesh.elements.size(), 0);
-  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+  for (Index e = 0; e < std::ssize(mesh.elements); ++e) {
     const Box box = box_of(mesh, mesh.elements[e]);
     wanted[e] = inside(region, box) && inside(picture, box) ? 1 : 0;
     const double half = ImageMesh::nodes_of(mesh.elements[e]) == 3 ? 0.5 : 1;
@@ -186,24 +187,22 @@ PixelTable::PixelTable(const ImageMesh& mesh, int width, int height) {
         "the mesh reaches from ({:.1f}, {:.1f}) to ({:.1f}, {:.1f}) px, outside the picture of {} × {} px "
         "(pixel centres 0 … {}, 0 … {}); make the region smaller",
         bounds.x0, bounds.y0, bounds.x1, bounds.y1, width, height, width - 1, height - 1));
-  std::vector<bool> taken(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), false);
-  const auto index = [&](int x, int y) {
-    return static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
-  };
+  std::vector<bool> taken(static_cast<std::size_t>(width) * height, false);
+  const auto index = [&](int x, int y) { return static_cast<std::size_t>(y) * width + x; };
   std::vector<std::vector<ElementPixels::Row>> rows(mesh.elements.size());
   // First half-open, so that shared edges go to the right and lower element; then what is left on the outer
   // border.
   for (const bool closed : {false, true})
-    for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+    for (Index e = 0; e < std::ssize(mesh.elements); ++e) {
       const Box box = box_of(mesh, mesh.elements[e]);
-      const int first = static_cast<int>(std::ceil(box.y0 - k_rounding)),
+      const int first = std::ceil(box.y0 - k_rounding),
                 last = static_cast<int>(std::floor(box.y1 + k_rounding));
       for (int y = std::max(0, first); y <= std::min(height - 1, last); ++y) {
         if (!closed && y > box.y1 - k_rounding) continue;
         double left = 0, right = 0;
         if (!row_interval(mesh, mesh.elements[e], y, left, right)) continue;
-        int x = std::max(0, static_cast<int>(std::ceil(left - k_rounding)));
-        const int end = closed ? std::min(width - 1, static_cast<int>(std::floor(right + k_rounding))) + 1
+        int x = std::max<int>(0, std::ceil(left - k_rounding));
+        const int end = closed ? std::min<int>(width - 1, std::floor(right + k_rounding)) + 1
                                : static_cast<int>(std::ceil(right - k_rounding));
         for (; x < end; ++x) {
           if (taken[index(x, y)]) continue;
@@ -217,7 +216,7 @@ PixelTable::PixelTable(const ImageMesh& mesh, int width, int height) {
       }
     }
   elements_.resize(mesh.elements.size());
-  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+  for (Index e = 0; e < std::ssize(mesh.elements); ++e) {
     ElementPixels& pixels = elements_[e];
     const Box box = box_of(mesh, mesh.elements[e]);
     pixels.x_origin = std::round(0.5 * (box.x0 + box.x1)),
@@ -235,7 +234,7 @@ PixelTable::PixelTable(const ImageMesh& mesh, int width, int height) {
         row.first = static_cast<std::uint32_t>(xi_.size());
         for (int k = 0; k < row.count; ++k) {
           const auto [xi, eta] = shape.coordinates(row.x + k, row.y);
-          xi_.push_back(static_cast<float>(xi)), eta_.push_back(static_cast<float>(eta));
+          xi_.push_back(xi), eta_.push_back(eta);
         }
       }
     pixels.first_row = static_cast<std::uint32_t>(rows_.size());
@@ -251,17 +250,13 @@ PointLocator::PointLocator(const ImageMesh& mesh) : mesh_(&mesh), bounds_(mesh.b
       1.0, std::sqrt(std::max(1.0, bounds_.width() * bounds_.height()) / std::max(1, mesh.element_count())));
   columns_ = static_cast<int>(bounds_.width() / cell_) + 1;
   rows_ = static_cast<int>(bounds_.height() / cell_) + 1;
-  cells_.resize(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_));
+  cells_.resize(static_cast<std::size_t>(columns_) * rows_);
   for (int e = 0; e < mesh.element_count(); ++e) {
     const Box box = box_of(mesh, mesh.elements[e]);
     shapes_.push_back(mesh.shape_functions(mesh.elements[e], box.x0, box.y0));
     extents_.push_back({box.x0, box.y0, box.x1, box.y1});
-    const auto column = [&](double x) {
-      return std::clamp(static_cast<int>((x - bounds_.x0) / cell_), 0, columns_ - 1);
-    };
-    const auto row = [&](double y) {
-      return std::clamp(static_cast<int>((y - bounds_.y0) / cell_), 0, rows_ - 1);
-    };
+    const auto column = [&](double x) { return std::clamp<int>((x - bounds_.x0) / cell_, 0, columns_ - 1); };
+    const auto row = [&](double y) { return std::clamp<int>((y - bounds_.y0) / cell_, 0, rows_ - 1); };
     for (int j = row(box.y0 - 1e-6); j <= row(box.y1 + 1e-6); ++j)
       for (int i = column(box.x0 - 1e-6); i <= column(box.x1 + 1e-6); ++i)
         cells_[j * columns_ + i].push_back(e);
@@ -274,14 +269,14 @@ PointLocator::Place PointLocator::find(double x, double y) const {
   if (!(x >= bounds_.x0 - k_slack && x <= bounds_.x1 + k_slack && y >= bounds_.y0 - k_slack &&
         y <= bounds_.y1 + k_slack))
     return place;
-  const int i = std::clamp(static_cast<int>((x - bounds_.x0) / cell_), 0, columns_ - 1),
-            j = std::clamp(static_cast<int>((y - bounds_.y0) / cell_), 0, rows_ - 1);
+  const int i = std::clamp<int>((x - bounds_.x0) / cell_, 0, columns_ - 1),
+            j = std::clamp<int>((y - bounds_.y0) / cell_, 0, rows_ - 1);
   for (const int e : cells_[j * columns_ + i]) {
     const Extent& box = extents_[e];
     if (x < box.x0 - k_slack || x > box.x1 + k_slack || y < box.y0 - k_slack || y > box.y1 + k_slack)
       continue;
     place.shape = shapes_[e].values(x, y);
-    const auto count = static_cast<std::ptrdiff_t>(ImageMesh::nodes_of(mesh_->elements[e]));
+    const std::ptrdiff_t count = ImageMesh::nodes_of(mesh_->elements[e]);
     const bool inside =
         std::all_of(place.shape.begin(), place.shape.begin() + count, [](double n) { return n > -1e-7; });
     if (!inside) continue;

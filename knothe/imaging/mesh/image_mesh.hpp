@@ -25,8 +25,8 @@ enum class ElementShape { quadrilateral, triangle };
 struct ImageMesh {
   std::vector<double> x, y;  ///< px
   std::vector<std::array<int, 4>> elements;
-  [[nodiscard]] int node_count() const { return static_cast<int>(x.size()); }
-  [[nodiscard]] int element_count() const { return static_cast<int>(elements.size()); }
+  [[nodiscard]] int node_count() const { return x.size(); }
+  [[nodiscard]] int element_count() const { return elements.size(); }
   [[nodiscard]] static int nodes_of(const std::array<int, 4>& element) { return element[3] < 0 ? 3 : 4; }
   [[nodiscard]] Region bounds() const;
   /// Shape functions of an element about an origin, px.
@@ -77,14 +77,14 @@ class PixelTable {
   }
   /// The row `count` further on in this table, or its last.
   [[nodiscard]] const ElementPixels::Row& row_ahead(const ElementPixels::Row& row, std::size_t count) const {
-    return rows_[std::min(static_cast<std::size_t>(&row - rows_.data()) + count, rows_.size() - 1)];
+    return rows_[std::min<std::size_t>(&row - rows_.data() + count, rows_.size() - 1)];
   }
   /// X and Y of the k-th pixel of a row.
   [[nodiscard]] std::array<double, 2> coordinates(const ElementPixels& e, const ElementPixels::Row& row,
                                                   int k) const {
     if (!e.natural) return {row.x + k - e.x_origin, row.y - e.y_origin};
-    const std::size_t at = row.first + static_cast<std::size_t>(k);
-    return {static_cast<double>(xi_[at]), static_cast<double>(eta_[at])};
+    const std::size_t at = row.first + k;
+    return {xi_[at], eta_[at]};
   }
   /// Natural coordinates of the pixels of a row, and whatever follows for a vector's length.
   [[nodiscard]] const float* xi(const ElementPixels::Row& row) const { return xi_.data() + row.first; }

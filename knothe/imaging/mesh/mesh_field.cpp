@@ -5,6 +5,8 @@
 #include <limits>
 #include <map>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::imaging {
 
 namespace {
@@ -31,28 +33,28 @@ MeshField::MeshField(ImageMesh mesh)
   bounds_ = {bounds_.x0 - k_reach, bounds_.y0 - k_reach, bounds_.x1 + k_reach, bounds_.y1 + k_reach};
   columns_ = static_cast<int>(bounds_.width() / k_cell) + 1;
   rows_ = static_cast<int>(bounds_.height() / k_cell) + 1;
-  cells_.resize(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_));
-  for (std::size_t e = 0; e < edges_.size(); ++e) {
-    const auto p = static_cast<std::size_t>(edges_[e][0]), q = static_cast<std::size_t>(edges_[e][1]);
+  cells_.resize(static_cast<std::size_t>(columns_) * rows_);
+  for (Index e = 0; e < std::ssize(edges_); ++e) {
+    const std::size_t p = edges_[e][0], q = edges_[e][1];
     const auto cell = [](double at, double from, int last) {
-      return std::clamp(static_cast<int>((at - from) / k_cell), 0, last);
+      return std::clamp<int>((at - from) / k_cell, 0, last);
     };
     const int i0 = cell(std::min(mesh_.x[p], mesh_.x[q]) - k_reach, bounds_.x0, columns_ - 1),
               i1 = cell(std::max(mesh_.x[p], mesh_.x[q]) + k_reach, bounds_.x0, columns_ - 1);
     const int j0 = cell(std::min(mesh_.y[p], mesh_.y[q]) - k_reach, bounds_.y0, rows_ - 1),
               j1 = cell(std::max(mesh_.y[p], mesh_.y[q]) + k_reach, bounds_.y0, rows_ - 1);
     for (int j = j0; j <= j1; ++j)
-      for (int i = i0; i <= i1; ++i) cells_[j * columns_ + i].push_back(static_cast<int>(e));
+      for (int i = i0; i <= i1; ++i) cells_[j * columns_ + i].push_back(e);
   }
 }
 
 MeshField::Nearest MeshField::nearest_edge(double x, double y) const {
   Nearest best;
   if (!(x >= bounds_.x0 && x <= bounds_.x1 && y >= bounds_.y0 && y <= bounds_.y1)) return best;
-  const int i = std::min(static_cast<int>((x - bounds_.x0) / k_cell), columns_ - 1),
-            j = std::min(static_cast<int>((y - bounds_.y0) / k_cell), rows_ - 1);
+  const int i = std::min<int>((x - bounds_.x0) / k_cell, columns_ - 1),
+            j = std::min<int>((y - bounds_.y0) / k_cell, rows_ - 1);
   for (const int e : cells_[j * columns_ + i]) {
-    const auto p = static_cast<std::size_t>(edges_[e][0]), q = static_cast<std::size_t>(edges_[e][1]);
+    const std::size_t p = edges_[e][0], q = edges_[e][1];
     const double dx = mesh_.x[q] - mesh_.x[p], dy = mesh_.y[q] - mesh_.y[p];
     const double along =
         std::clamp(((x - mesh_.x[p]) * dx + (y - mesh_.y[p]) * dy) / (dx * dx + dy * dy), 0.0, 1.0);
@@ -77,7 +79,7 @@ Displacement MeshField::at(double x, double y) const {
   }
   const auto& nodes = mesh_.elements[place.element];
   const auto gradients = locator_.shape(place.element).gradients(x, y);
-  for (std::size_t a = 0; a < static_cast<std::size_t>(ImageMesh::nodes_of(nodes)); ++a) {
+  for (Index a = 0; a < ImageMesh::nodes_of(nodes); ++a) {
     const double u = displacement_[2 * nodes[a]], v = displacement_[2 * nodes[a] + 1];
     const auto [slope_x, slope_y] = gradients[a];
     d.u += place.shape[a] * u, d.v += place.shape[a] * v;
@@ -105,7 +107,7 @@ files::Picture without_outline(const MeshField& field, int width, int height, do
   files::Picture result = mask;
   if (mask.pixels.empty()) {
     result.width = width, result.height = height;
-    result.pixels.assign(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), 1);
+    result.pixels.assign(static_cast<std::size_t>(width) * height, 1);
   }
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x)

@@ -27,8 +27,7 @@ ImageMesh read_image_mesh(const std::string& path, const std::optional<PictureFr
           path, low, high));
     std::erase_if(file.cells, [&](const auto& cell) {
       return std::any_of(cell.begin(), cell.end(), [&](std::int64_t node) {
-        return node >= 0 &&
-               std::abs(file.points[3 * static_cast<std::size_t>(node) + axis] - frame->plane) > flat;
+        return node >= 0 && std::abs(file.points[3 * node + axis] - frame->plane) > flat;
       });
     });
     if (file.cells.empty())
@@ -42,7 +41,7 @@ ImageMesh read_image_mesh(const std::string& path, const std::optional<PictureFr
   for (const auto& cell : file.cells) {
     std::array<int, 4> element{-1, -1, -1, -1};
     for (std::size_t a = 0; a < 4 && cell[a] >= 0; ++a) {
-      const auto node = static_cast<std::size_t>(cell[a]);
+      const std::size_t node = cell[a];
       if (number[node] < 0) {
         number[node] = mesh.node_count();
         const double* p = file.points.data() + 3 * node;

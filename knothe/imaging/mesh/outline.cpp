@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/imaging/mesh/outline_registration.hpp"
 #include "knothe/numerics/statistics/order_statistics.hpp"
 
@@ -40,7 +41,7 @@ void add_joined(const std::vector<std::array<double, 2>>& corners, Outline& outl
   std::vector<std::size_t> kept;
   for (std::size_t i = 0; i < n; ++i)
     if (turn(i)) kept.push_back(i);
-  for (std::size_t k = 0; k < kept.size(); ++k)
+  for (Index k = 0; k < std::ssize(kept); ++k)
     outline.push_back({corners[kept[k]], corners[kept[(k + 1) % kept.size()]]});
 }
 
@@ -88,7 +89,7 @@ std::array<Property, 2> properties_of(const files::Picture& picture) {
       double sum = 0, squares = 0, n = 0;
       for (int y = std::max(0, j * k_cell - k_cell); y < std::min(picture.height, (j + 2) * k_cell); ++y)
         for (int x = std::max(0, i * k_cell - k_cell); x < std::min(picture.width, (i + 2) * k_cell); ++x) {
-          const auto v = static_cast<double>(picture.at(x, y));
+          const double v = picture.at(x, y);
           sum += v, squares += v * v, n += 1;
         }
       p[0].value.push_back(sum / n);
@@ -111,7 +112,7 @@ std::vector<std::array<int, 2>> largest_part(const Property& p, double threshold
       if (seen[j * p.width + i] != 0 || is_high(i, j) != body_is_high) continue;
       std::vector<std::array<int, 2>> part{{i, j}};
       seen[j * p.width + i] = 1;
-      for (std::size_t k = 0; k < part.size(); ++k)
+      for (Index k = 0; k < std::ssize(part); ++k)
         for (const auto& [di, dj] :
              {std::array{1, 0}, std::array{-1, 0}, std::array{0, 1}, std::array{0, -1}}) {
           const int a = part[k][0] + di, b = part[k][1] + dj;
@@ -157,7 +158,7 @@ Outline outline_of(const ImageMesh& mesh) {
     const int n = ImageMesh::nodes_of(nodes);
     double area = 0;
     for (int a = 0; a < n; ++a) {
-      const auto p = static_cast<std::size_t>(nodes[a]), q = static_cast<std::size_t>(nodes[(a + 1) % n]);
+      const std::size_t p = nodes[a], q = nodes[(a + 1) % n];
       area += mesh.x[p] * mesh.y[q] - mesh.x[q] * mesh.y[p];
     }
     for (int a = 0; a < n; ++a) {
@@ -190,11 +191,11 @@ PictureFrame outline_start(const files::Picture& picture, const Outline& outline
   const std::size_t kind = classes[1].explained > classes[0].explained ? 1 : 0;
   const Property& p = properties[kind];
   const auto part = largest_part(p, classes[kind].threshold);
-  const auto cells = static_cast<double>(p.value.size());
+  const double cells = p.value.size();
   const std::string remedy =
       "give \"dic.scale\" and \"dic.origin\", or \"dic.pixels\" and \"dic.points\", accurate to about 20 px, "
       "as initial values";
-  if (classes[kind].explained < k_separation || static_cast<double>(part.size()) < k_smallest_body * cells)
+  if (classes[kind].explained < k_separation || part.size() < k_smallest_body * cells)
     throw DataError(fmt::format("{}: error: no body stands out from what is behind it: {}", name, remedy));
   double xx = 0, xy = 0, yy = 0;
   Complex first;
@@ -204,8 +205,7 @@ PictureFrame outline_start(const files::Picture& picture, const Outline& outline
     const double x = (i + 0.5) * k_cell - 0.5, y = -((j + 0.5) * k_cell - 0.5);
     first += Complex(x, y), xx += x * x, xy += x * y, yy += y * y;
   }
-  const Moments seen = moments_of(static_cast<double>(part.size()), first, xx, xy, yy),
-                model = moments_of(outline);
+  const Moments seen = moments_of(part.size(), first, xx, xy, yy), model = moments_of(outline);
   double turn = 0;  // from the model to the picture; a body without a longer axis is taken for upright
   if (std::min(seen.elongation, model.elongation) > 1.2)
     turn = std::remainder(seen.axis - model.axis, std::numbers::pi);

@@ -11,6 +11,7 @@
 #include <map>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/imaging/correlation/edge_search.hpp"
 #include "knothe/numerics/statistics/order_statistics.hpp"
 
@@ -91,9 +92,9 @@ Geometry geometry_of(const files::Picture& picture, const Outline& outline, cons
 
 /// Distance from a point along a direction to the next other side of the outline, m; infinity if there is
 /// none.
-double free_way(const Outline& outline, std::size_t own, Complex from, Complex direction) {
+double free_way(const Outline& outline, Index own, Complex from, Complex direction) {
   double nearest = std::numeric_limits<double>::infinity();
-  for (std::size_t s = 0; s < outline.size(); ++s) {
+  for (Index s = 0; s < std::ssize(outline); ++s) {
     if (s == own) continue;
     // from + t direction = p + u (q − p)
     const Complex p = upward(outline[s].from) - from, edge = upward(outline[s].to) - upward(outline[s].from);
@@ -126,13 +127,13 @@ std::vector<Place> look(const files::Picture& picture, const Outline& outline, c
   std::vector<Place> found;
   in_view = 0;
   const double scale = std::abs(pose.a);
-  for (std::size_t s = 0; s < outline.size(); ++s) {
+  for (Index s = 0; s < std::ssize(outline); ++s) {
     const Complex p = upward(outline[s].from) - g.centre, q = upward(outline[s].to) - g.centre;
     const double length = scale * std::abs(q - p);  // px
     const Complex along = (q - p) / std::abs(q - p), out = along * Complex(0, -1);
     const double free = length - 2 * std::min(reach, 0.25 * length);  // away from the corners
     if (free < k_shortest_strip || length > k_longest_side) continue;
-    const int count = std::max(1, static_cast<int>(free / k_strip));
+    const int count = std::max<int>(1, free / k_strip);
     for (int i = 0; i < count; ++i) {
       Place place;
       place.side = s;
@@ -178,7 +179,7 @@ Vector4 robust_step(std::vector<Place>& places, double scale_precision, double s
     const double cut = k_tukey * std::max(1.0, robust_scale(deviations));
     normal.setZero();
     Vector4 right = Vector4::Zero();
-    for (std::size_t i = 0; i < places.size(); ++i) {
+    for (Index i = 0; i < std::ssize(places); ++i) {
       Place& p = places[i];
       const double r = deviations[i], inverse = 1 / (p.std * p.std + 0.05 * 0.05);
       const double tukey = r < cut ? std::pow(1 - (r / cut) * (r / cut), 2) : 0;
@@ -221,8 +222,8 @@ constexpr std::array<const char*, 4> k_directions{"left", "right", "upper", "low
 
 std::string listed(const std::vector<std::string>& words, const char* last) {
   std::string text;
-  for (std::size_t i = 0; i < words.size(); ++i)
-    text += (i == 0 ? "" : i + 1 == words.size() ? last : ", ") + words[i];
+  for (Index i = 0; i < std::ssize(words); ++i)
+    text += (i == 0 ? "" : i + 1 == std::ssize(words) ? last : ", ") + words[i];
   return text;
 }
 
@@ -282,8 +283,7 @@ OutlineFit fit_outline(const files::Picture& picture, const Outline& outline, co
   double scale_precision = 0;
   for (const bool fine : {false, false, false, true, true, true}) {
     places = look(picture, outline, g, pose, reach, fine, in_view);
-    if (static_cast<int>(places.size()) < k_min_places ||
-        static_cast<double>(places.size()) < k_min_share * in_view)
+    if (std::ssize(places) < k_min_places || places.size() < k_min_share * in_view)
       throw DataError(
           fmt::format("{}: error: no edge of the body near its outline: {} of {} places along it show one; "
                       "the initial outline must be accurate to {:.0f} px (\"dic.scale\", \"dic.origin\"), "

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 
 namespace knothe::imaging {
 
@@ -38,7 +39,7 @@ Eigen::Matrix2d PictureFrame::displacement_matrix() const {
 Eigen::VectorXd PictureFrame::to_model(const Eigen::VectorXd& displacement) const {
   const Eigen::Matrix2d t = displacement_matrix();
   Eigen::VectorXd result(displacement.size());
-  for (Eigen::Index a = 0; a + 1 < displacement.size(); a += 2)
+  for (Index a = 0; a + 1 < displacement.size(); a += 2)
     result.segment<2>(a) = t * displacement.segment<2>(a);
   return result;
 }
@@ -94,7 +95,7 @@ PictureFrame fit_picture_frame(const std::vector<std::array<double, 2>>& pixels,
     misfit += std::norm((Complex(points[i][0], points[i][1]) - frame.offset) / frame.slope -
                         Complex(pixels[i][0], -pixels[i][1]));
   // 2n numbers less the four fitted.
-  const double fitted_std = n > 2 ? std::sqrt(misfit / static_cast<double>(2 * n - 4)) : 0;
+  const double fitted_std = n > 2 ? std::sqrt(misfit / (2 * n - 4)) : 0;
   frame.relative_scale_std = std::max(point_std, fitted_std) / std::sqrt(squares);
   return frame;
 }

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 
+#include "knothe/base/index.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/csv.hpp"
@@ -28,7 +29,7 @@ void write_matrix(files::Hdf5Writer& file, const std::string& name, const Sparse
   // Symmetric: columns are rows.
   Sparse m = matrix;
   m.prune(0.0, 0.0);  // rows of dofs that were not measured stay empty
-  const auto count = static_cast<std::size_t>(m.nonZeros());
+  const std::size_t count = m.nonZeros();
   const std::vector<std::int64_t> indices(m.innerIndexPtr(), m.innerIndexPtr() + count),
       rows(m.outerIndexPtr(), m.outerIndexPtr() + m.rows() + 1);
   file.write(name + "/data", {m.valuePtr(), count}, {count}, {units, "inverse of the noise covariance"});
@@ -62,7 +63,7 @@ void write_precisions(files::Hdf5Writer& file, const PictureSeries& series,
     file.integer_attribute("/noise/precision", "drift_modes", drift_modes(options.drift));
   Sparse last;
   const std::vector<char>* last_valid = nullptr;
-  for (std::size_t t = 0; t < results.size(); ++t) {
+  for (Index t = 0; t < std::ssize(results); ++t) {
     const std::vector<char>& valid = results[t].correlation.element_valid;
     const bool accumulated = results[t].accumulated.has_value();
     if (results[t].missing || (valid == usable && !accumulated)) continue;
@@ -83,7 +84,7 @@ Cells cells_of(const ImageMesh& mesh) {
   const bool quadrilaterals = std::all_of(mesh.elements.begin(), mesh.elements.end(),
                                           [](const auto& e) { return ImageMesh::nodes_of(e) == 4; });
   cells.nodes_per_cell = quadrilaterals ? 4 : 3;
-  for (std::size_t e = 0; e < mesh.elements.size(); ++e) {
+  for (Index e = 0; e < std::ssize(mesh.elements); ++e) {
     const auto& n = mesh.elements[e];
     if (quadrilaterals) {
       cells.nodes.insert(cells.nodes.end(), n.begin(), n.end()), cells.element.push_back(e);
@@ -102,7 +103,7 @@ void write_per_picture(files::Hdf5Writer& file, const std::string& name,
                        const std::vector<PictureResult>& results, const files::Labels& labels,
                        const Get& get) {
   std::vector<double> values;
-  for (const auto& r : results) values.push_back(static_cast<double>(get(r)));
+  for (const auto& r : results) values.push_back(get(r));
   file.write("/pictures/" + name, values, {values.size()}, labels);
 }
 
@@ -193,7 +194,7 @@ double series_noise(const PictureSeries& series, const std::vector<PictureResult
 void observation_places(const ImageMesh& mesh, const std::optional<PictureFrame>& frame,
                         std::vector<double>& points, std::vector<std::int64_t>& component) {
   const std::array<int, 2> components = frame ? frame->components() : std::array<int, 2>{0, 1};
-  for (std::size_t a = 0; a < mesh.x.size(); ++a) {
+  for (Index a = 0; a < std::ssize(mesh.x); ++a) {
     const auto point =
         frame ? frame->model_point(mesh.x[a], mesh.y[a]) : std::array<double, 3>{mesh.x[a], mesh.y[a], 0};
     for (const int c : components) {
@@ -218,7 +219,7 @@ Eigen::VectorXd observed_values(const ImageMesh& mesh, const PictureResult& resu
 
 double time_of(const PictureSeries& series, std::size_t picture) {
   const std::vector<double>& times = series.options().times;
-  return times.empty() ? static_cast<double>(picture) : times[picture];
+  return times.empty() ? picture : times[picture];
 }
 
 void write_displacements(const std::string& path, const PictureSeries& series,
@@ -237,7 +238,7 @@ void write_displacements(const std::string& path, const PictureSeries& series,
   for (std::size_t t = 0; t < n_t; ++t) {
     const Eigen::VectorXd observed = observed_values(mesh, results[t], frame);
     values.insert(values.end(), observed.begin(), observed.end());
-    values.insert(values.end(), static_cast<std::size_t>(drift_modes(drift)), k_nan);
+    values.insert(values.end(), drift_modes(drift), k_nan);
     const auto measured = measured_nodes(mesh, results[t].correlation.element_valid);
     for (std::size_t i = 0; i < 2 * n; ++i)
       in_pixels.push_back(measured[i / 2] != 0 ? results[t].correlation.displacement[i] : k_nan);
@@ -247,8 +248,7 @@ void write_displacements(const std::string& path, const PictureSeries& series,
   }
   std::vector<double> points;
   for (std::size_t a = 0; a < n; ++a)
-    points.insert(points.end(), places.begin() + 6 * static_cast<std::ptrdiff_t>(a),
-                  places.begin() + 6 * static_cast<std::ptrdiff_t>(a) + 3);
+    points.insert(points.end(), places.begin() + 6 * a, places.begin() + 6 * a + 3);
   const Cells cells = cells_of(mesh);
   files::write_atomically(path, [&](const std::string& temporary) {
     files::Hdf5Writer file(temporary);
@@ -293,7 +293,7 @@ void write_at_points(const std::string& path, const ImageMesh& mesh, const Pictu
       interpolate(mesh, result.correlation.displacement, points, inside, result.correlation.element_valid);
   const std::vector<std::string> header{"x", "y", "u", "v", "inside"};
   files::CsvWriter csv(header);
-  for (Eigen::Index i = 0; i < points.rows(); ++i)
+  for (Index i = 0; i < points.rows(); ++i)
     csv.add_row(std::array<double, 5>{points(i, 0), points(i, 1), at(i, 0), at(i, 1),
                                       static_cast<double>(inside[i])});
   csv.write(path);
@@ -310,7 +310,7 @@ void write_displacement_vtu(const std::string& path, const PictureSeries& series
   const Eigen::MatrixXd strain = nodal_strains(mesh, c.displacement, c.element_valid);
   std::vector<double> points, displacement, deviation, strains, seen;
   for (int a = 0; a < mesh.node_count(); ++a) {
-    const auto i = static_cast<std::size_t>(a);
+    const std::size_t i = a;
     const auto point = upright.model_point(mesh.x[i], mesh.y[i]);
     points.insert(points.end(), point.begin(), point.end());
     std::array<double, 3> field{}, spread{};

@@ -77,16 +77,16 @@ std::vector<PictureResult> read_results(const std::string& path, const PictureSe
     r.index = t, r.picture = names[t], r.message = messages[t], r.missing = !messages[t].empty();
     r.noise = noise[t];
     CorrelationResult& c = r.correlation;
-    c.displacement.setZero(static_cast<Eigen::Index>(2 * nodes));
+    c.displacement.setZero(2 * nodes);
     for (std::size_t i = 0; i < 2 * nodes; ++i)
       if (const double u = displacement[2 * nodes * t + i]; !std::isnan(u)) c.displacement[i] = u;
     if (regularised) c.unregularised = c.displacement;
     for (std::size_t i = 0; regularised && i < 2 * nodes; ++i)
       if (const double u = free[2 * nodes * t + i]; !std::isnan(u)) c.unregularised[i] = u;
-    c.converged = converged[t] != 0, c.iterations = static_cast<int>(iterations[t]), c.residual_rms = rms[t];
-    c.gain = gain[t], c.offset = offset[t], c.elements_rejected = static_cast<int>(rejected[t]);
+    c.converged = converged[t] != 0, c.iterations = iterations[t], c.residual_rms = rms[t];
+    c.gain = gain[t], c.offset = offset[t], c.elements_rejected = rejected[t];
     for (std::size_t e = 0; e < elements; ++e) {
-      c.element_valid.push_back(static_cast<char>(valid[elements * t + e]));
+      c.element_valid.push_back(valid[elements * t + e]);
       c.element_residual.push_back(residual[elements * t + e]);
     }
     if (file.has("/crack/found")) read_crack(file, t, r);

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/atomic_file.hpp"
@@ -29,16 +30,14 @@ struct Box {
   [[nodiscard]] double count() const { return static_cast<double>(x1 - x0 + 1) * (y1 - y0 + 1); }
 };
 Box box_of(const Region& region, const files::Picture& picture) {
-  return {std::max(0, static_cast<int>(std::ceil(region.x0))),
-          std::max(0, static_cast<int>(std::ceil(region.y0))),
-          std::min(picture.width - 1, static_cast<int>(region.x1)),
-          std::min(picture.height - 1, static_cast<int>(region.y1))};
+  return {std::max<int>(0, std::ceil(region.x0)), std::max<int>(0, std::ceil(region.y0)),
+          std::min<int>(picture.width - 1, region.x1), std::min<int>(picture.height - 1, region.y1)};
 }
 
 double mean_of(const files::Picture& picture, const Box& box) {
   double sum = 0;
   for (int y = box.y0; y <= box.y1; ++y)
-    for (int x = box.x0; x <= box.x1; ++x) sum += static_cast<double>(picture.at(x, y));
+    for (int x = box.x0; x <= box.x1; ++x) sum += picture.at(x, y);
   return sum / box.count();
 }
 
@@ -47,8 +46,7 @@ double covariance(const files::Picture& picture, const Box& box, double mean, in
   double sum = 0, count = 0;
   for (int y = box.y0; y + dy <= box.y1; ++y)
     for (int x = box.x0; x + dx <= box.x1; ++x) {
-      sum += (static_cast<double>(picture.at(x, y)) - mean) *
-             (static_cast<double>(picture.at(x + dx, y + dy)) - mean);
+      sum += (picture.at(x, y) - mean) * (picture.at(x + dx, y + dy) - mean);
       count += 1;
     }
   return count > 0 ? sum / count : 0;
@@ -111,7 +109,7 @@ PatternReport pattern_report(const PictureSeries& series) {
   const files::Picture& picture = correlation.reference();
   const Region bounds = correlation.mesh().bounds();
   const Box box = box_of(bounds, picture);
-  const auto maximum = static_cast<double>(picture.maximum);
+  const double maximum = picture.maximum;
   PatternReport r;
   const double mean = mean_of(picture, box);
   r.mean_level = mean / maximum;
@@ -123,7 +121,7 @@ PatternReport pattern_report(const PictureSeries& series) {
     }
   r.elements = correlation.mesh().element_count(), r.nodes = correlation.mesh().node_count();
   double squares = 0, pixels = 0;
-  for (std::size_t e = 0; e < correlation.mesh().elements.size(); ++e) {
+  for (Index e = 0; e < std::ssize(correlation.mesh().elements); ++e) {
     const double count = correlation.pixels().elements()[e].pixel_count;
     squares += 0.5 * count * std::pow(correlation.element_gradient()[e], 2), pixels += count;
     r.elements_without_texture += correlation.usable_elements()[e] == 0 ? 1 : 0;
@@ -153,7 +151,7 @@ std::vector<ReportRow> reporting_table(const PictureSeries& series, const std::o
   const CorrelationOptions& options = correlation.options();
   double pixels = 0, squares = 0, count = 0;
   for (const auto& e : correlation.pixels().elements()) pixels += e.pixel_count;
-  for (Eigen::Index i = 0; i < std.size(); ++i)
+  for (Index i = 0; i < std.size(); ++i)
     if (std[i] > 0) squares += std[i] * std[i], count += 1;
   const double element = std::sqrt(pixels / std::max(1, correlation.mesh().element_count())),
                floor = count > 0 ? std::sqrt(squares / count) : 0, scale = frame ? 1e3 * frame->scale() : 0;

@@ -7,6 +7,7 @@
 #include <filesystem>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/files/csv.hpp"
 
 namespace knothe::imaging {
@@ -38,7 +39,7 @@ std::string number_at(const std::string& text, std::size_t& at) {
 void read_table(const std::string& path, const fs::path& folder, PictureFolder& out) {
   const files::CsvTable table = files::CsvTable::read(path);
   out.times = table.numbers("time");
-  for (std::size_t i = 0; i < out.times.size(); ++i) {
+  for (Index i = 0; i < std::ssize(out.times); ++i) {
     if (i > 0 && !(out.times[i] > out.times[i - 1]))
       table.fail(
           i, "time",

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/imaging/correlation/correlation_noise.hpp"
 #include "knothe/imaging/mesh/mesh_field.hpp"
@@ -32,8 +33,8 @@ Region region_of(const files::Picture& mask) {
   for (int y = 0; y < mask.height; ++y)
     for (int x = 0; x < mask.width; ++x)
       if (mask.at(x, y) > 0)
-        box = {std::min(box.x0, static_cast<double>(x)), std::min(box.y0, static_cast<double>(y)),
-               std::max(box.x1, static_cast<double>(x)), std::max(box.y1, static_cast<double>(y))};
+        box = {std::min<double>(box.x0, x), std::min<double>(box.y0, y), std::max<double>(box.x1, x),
+               std::max<double>(box.y1, y)};
   if (box.x1 < 0)
     throw UsageError(
         "the mask is black everywhere: it must be bright (not 0) where the surface is to be measured");
@@ -44,8 +45,8 @@ Region region_of(const files::Picture& mask) {
 double spread_of(const files::Picture& picture) {
   double sum = 0, squares = 0;
   for (const float level : picture.pixels)
-    sum += static_cast<double>(level), squares += static_cast<double>(level) * static_cast<double>(level);
-  const auto count = static_cast<double>(picture.pixels.size());
+    sum += level, squares += static_cast<double>(level) * static_cast<double>(level);
+  const double count = picture.pixels.size();
   return std::sqrt(std::max(0.0, squares / count - std::pow(sum / count, 2)));
 }
 
@@ -67,15 +68,14 @@ bool is_better(const CorrelationResult& a, const CorrelationResult& b) {
 files::Picture averaged(const std::vector<files::Picture>& pictures, const std::vector<std::string>& names) {
   files::Picture mean = pictures.front();
   std::vector<double> sum(mean.pixels.size(), 0);
-  for (std::size_t i = 0; i < pictures.size(); ++i) {
+  for (Index i = 0; i < std::ssize(pictures); ++i) {
     if (pictures[i].width != mean.width || pictures[i].height != mean.height)
       throw UsageError(fmt::format("{} has {} × {} pixels, the reference picture {} has {} × {}", names[i],
                                    pictures[i].width, pictures[i].height, names.front(), mean.width,
                                    mean.height));
-    for (std::size_t k = 0; k < sum.size(); ++k) sum[k] += static_cast<double>(pictures[i].pixels[k]);
+    for (Index k = 0; k < std::ssize(sum); ++k) sum[k] += pictures[i].pixels[k];
   }
-  for (std::size_t k = 0; k < sum.size(); ++k)
-    mean.pixels[k] = static_cast<float>(sum[k] / static_cast<double>(pictures.size()));
+  for (Index k = 0; k < std::ssize(sum); ++k) mean.pixels[k] = sum[k] / pictures.size();
   return mean;
 }
 
@@ -88,7 +88,7 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
     throw UsageError(
         "a crack is measured against the reference picture: it cannot be combined with another reference in "
         "between (reference_update)");
-  if (options_.correlation.threads <= 0) options_.correlation.threads = static_cast<int>(default_threads());
+  if (options_.correlation.threads <= 0) options_.correlation.threads = default_threads();
   std::vector<files::Picture> references;
   for (const std::string& path : options_.references) {
     files::Picture picture = files::read_picture(path, options_.colour);
@@ -132,7 +132,7 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
   known_noise_ = options_.noise;
   if (!(known_noise_ > 0) && references.size() > 1) {
     double squares = 0;
-    for (std::size_t i = 1; i < references.size(); ++i) {
+    for (Index i = 1; i < std::ssize(references); ++i) {
       squares += std::pow(noise_from_repeat(references[i - 1], references[i], *options_.region), 2);
       if (share_of_motion(references[i - 1], references[i], *options_.region) > k_moved)
         remark(fmt::format(
@@ -140,8 +140,7 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
             "references must all show the surface at rest, without load",
             options_.references[i], options_.references[i - 1]));
     }
-    known_noise_ =
-        std::max(k_quantisation_noise, std::sqrt(squares / static_cast<double>(references.size() - 1)));
+    known_noise_ = std::max(k_quantisation_noise, std::sqrt(squares / (references.size() - 1)));
   }
   prefetch(0);
 }
@@ -180,7 +179,7 @@ files::Picture PictureSeries::with_levels_of(const files::Picture& reference, fi
   if (!(spread > 0)) return picture;
   const double power = std::round(std::log2(spread_of(reference) / spread));
   if (std::abs(power) < k_min_depth) return picture;
-  const auto factor = static_cast<float>(std::exp2(power));
+  const float factor = std::exp2(power);
   remark(fmt::format("{}: {} bits, the reference {}: grey levels are multiplied by {}", name,
                      picture.bit_depth, reference.bit_depth, factor));
   for (float& level : picture.pixels) level *= factor;
@@ -313,7 +312,7 @@ void PictureSeries::try_other_reference(const files::Picture& picture, Correlati
     best = std::move(result);
     first_residual_ = 0;
     const auto total = options_.pictures.size(), index = std::max<std::size_t>(next_, 1) - 1;
-    sharing_ = total > index ? static_cast<double>(total - index) : 1;
+    sharing_ = total > index ? total - index : 1;
   } catch (const UsageError&) {
     // Nothing that could be followed is left in the last good picture: the reference stays.
   }
@@ -334,7 +333,7 @@ void PictureSeries::note_noise(PictureResult& result) {
     // The likelihood takes half of a step's covariance for its own (the other half for the reference's): m
     // pictures with own errors I/2 + m B tell as much as one error B allows.
     double own = 0, base = 0;
-    for (Eigen::Index i = 0; i < noise.std.size(); ++i)
+    for (Index i = 0; i < noise.std.size(); ++i)
       if (noise.std[i] > 0)
         own += std::pow(noise.increment_std[i], 2), base += std::pow(moved_->base_std()[i], 2);
     const double share = own > 0 ? own / (own + 2 * sharing_ * base) : 1;

@@ -92,7 +92,7 @@ class PictureSeries {
   /// words for the user. Empty where there is nothing to say.
   [[nodiscard]] const std::vector<std::string>& remarks() const { return remarks_; }
   [[nodiscard]] const ImageCorrelation& correlation() const { return *correlation_; }
-  [[nodiscard]] double reference_count() const { return static_cast<double>(options_.references.size()); }
+  [[nodiscard]] double reference_count() const { return options_.references.size(); }
   /// γ from the options or repeat pictures, grey levels; 0: each picture's residual has to tell.
   [[nodiscard]] double known_noise() const { return known_noise_; }
   [[nodiscard]] bool done() const { return next_ == options_.pictures.size(); }

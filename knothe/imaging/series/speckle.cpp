@@ -22,7 +22,7 @@ double uniform(std::uint64_t seed, std::uint64_t counter) {
   z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9ULL;
   z = (z ^ (z >> 27)) * 0x94D049BB133111EBULL;
   z ^= z >> 31;
-  return (static_cast<double>(z >> 11) + 0.5) * 0x1p-53;
+  return ((z >> 11) + 0.5) * 0x1p-53;
 }
 
 /// A standard normal number from a counter, by Box and Muller.
@@ -60,7 +60,7 @@ SpecklePattern::SpecklePattern(SpeckleOptions options) : options_(options) {
   const double width = options.width + 2 * options.margin, height = options.height + 2 * options.margin;
   columns_ = static_cast<int>(width / cell_) + 1;
   rows_ = static_cast<int>(height / cell_) + 1;
-  cells_.resize(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_));
+  cells_.resize(static_cast<std::size_t>(columns_) * rows_);
   const double area = 2 * std::numbers::pi * options.dot_radius * options.dot_radius;
   const auto count = static_cast<std::uint64_t>(options.coverage * width * height / area);
   for (std::uint64_t k = 0; k < count; ++k) {
@@ -68,9 +68,7 @@ SpecklePattern::SpecklePattern(SpeckleOptions options) : options_(options) {
     const double s = options.dot_radius * (0.7 + 0.6 * draw(2));
     const Dot dot{static_cast<float>(draw(0) * width), static_cast<float>(draw(1) * height),
                   static_cast<float>(1 / (2 * s * s)), static_cast<float>(draw(3) < 0.5 ? -0.42 : 0.42)};
-    const auto cell = [&](double at, int last) {
-      return std::clamp(static_cast<int>(std::floor(at / cell_)), 0, last);
-    };
+    const auto cell = [&](double at, int last) { return std::clamp<int>(std::floor(at / cell_), 0, last); };
     for (int j = cell(dot.y - k_reach * s, rows_ - 1); j <= cell(dot.y + k_reach * s, rows_ - 1); ++j)
       for (int i = cell(dot.x - k_reach * s, columns_ - 1); i <= cell(dot.x + k_reach * s, columns_ - 1); ++i)
         cells_[j * columns_ + i].push_back(dot);
@@ -79,8 +77,7 @@ SpecklePattern::SpecklePattern(SpeckleOptions options) : options_(options) {
 
 double SpecklePattern::at(double x, double y) const {
   const double px = x + options_.margin, py = y + options_.margin;
-  const int i = std::clamp(static_cast<int>(px / cell_), 0, columns_ - 1),
-            j = std::clamp(static_cast<int>(py / cell_), 0, rows_ - 1);
+  const int i = std::clamp<int>(px / cell_, 0, columns_ - 1), j = std::clamp<int>(py / cell_, 0, rows_ - 1);
   double sum = 0;
   for (const Dot& dot : cells_[j * columns_ + i]) {
     const double dx = px - dot.x, dy = py - dot.y, q = (dx * dx + dy * dy) * dot.inverse_two_variance;
@@ -95,39 +92,37 @@ files::Picture SpecklePattern::render(const DisplacementField& displacement, con
                                       int threads, const BodyShape& body) const {
   files::Picture picture;
   picture.width = options_.width, picture.height = options_.height, picture.bit_depth = camera.bit_depth;
-  picture.maximum = static_cast<float>((1 << camera.bit_depth) - 1);
-  picture.pixels.resize(static_cast<std::size_t>(options_.width) * static_cast<std::size_t>(options_.height));
+  picture.maximum = (1 << camera.bit_depth) - 1;
+  picture.pixels.resize(static_cast<std::size_t>(options_.width) * options_.height);
   const double scale = picture.maximum / 255.0;
   const int n = std::max(1, camera.supersampling);
-  parallel_for(
-      static_cast<std::size_t>(options_.height), static_cast<std::size_t>(threads), [&](std::size_t row) {
-        const int y = static_cast<int>(row);
-        double last_x = 0, last_y = 0;  // displacement of the last point: where to begin
-        for (int x = 0; x < options_.width; ++x) {
-          double sum = 0;
-          for (int a = 0; a < n; ++a)
-            for (int b = 0; b < n; ++b) {
-              const double sx = x + (a + 0.5) / n - 0.5, sy = y + (b + 0.5) / n - 0.5;
-              double at_x = sx - last_x, at_y = sy - last_y;
-              if (displacement) {
-                if (!material_point(displacement, sx, sy, at_x, at_y)) continue;
-                last_x = sx - at_x, last_y = sy - at_y;
-              }
-              const double share = body ? body(at_x, at_y) : 1;
-              if (share > 0) sum += share * at(at_x, at_y);
-              sum += (1 - share) * k_background;
-            }
-          const std::uint64_t counter = picture.index(x, y);
-          double level = camera.gain * 255 * sum / (n * n) + camera.offset;
-          if (camera.noise > 0) level += camera.noise * normal(camera.seed, counter);
-          level *= scale;
-          if (camera.dead_pixels > 0 && uniform(camera.seed ^ 0x64656164, counter) < camera.dead_pixels)
-            level = 0;
-          if (camera.quantise)
-            level = std::clamp(std::round(level), 0.0, static_cast<double>(picture.maximum));
-          picture.pixels[counter] = static_cast<float>(level);
+  parallel_for(options_.height, threads, [&](std::size_t row) {
+    const int y = row;
+    double last_x = 0, last_y = 0;  // displacement of the last point: where to begin
+    for (int x = 0; x < options_.width; ++x) {
+      double sum = 0;
+      for (int a = 0; a < n; ++a)
+        for (int b = 0; b < n; ++b) {
+          const double sx = x + (a + 0.5) / n - 0.5, sy = y + (b + 0.5) / n - 0.5;
+          double at_x = sx - last_x, at_y = sy - last_y;
+          if (displacement) {
+            if (!material_point(displacement, sx, sy, at_x, at_y)) continue;
+            last_x = sx - at_x, last_y = sy - at_y;
+          }
+          const double share = body ? body(at_x, at_y) : 1;
+          if (share > 0) sum += share * at(at_x, at_y);
+          sum += (1 - share) * k_background;
         }
-      });
+      const std::uint64_t counter = picture.index(x, y);
+      double level = camera.gain * 255 * sum / (n * n) + camera.offset;
+      if (camera.noise > 0) level += camera.noise * normal(camera.seed, counter);
+      level *= scale;
+      if (camera.dead_pixels > 0 && uniform(camera.seed ^ 0x64656164, counter) < camera.dead_pixels)
+        level = 0;
+      if (camera.quantise) level = std::clamp<double>(std::round(level), 0.0, picture.maximum);
+      picture.pixels[counter] = level;
+    }
+  });
   return picture;
 }
 

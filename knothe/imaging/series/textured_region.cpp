@@ -20,8 +20,7 @@ struct Blocks {
   int columns = 0, rows = 0;
   std::vector<double> value;
   [[nodiscard]] double at(int column, int row) const {
-    return value[static_cast<std::size_t>(row) * static_cast<std::size_t>(columns) +
-                 static_cast<std::size_t>(column)];
+    return value[static_cast<std::size_t>(row) * columns + column];
   }
 };
 
@@ -30,7 +29,7 @@ double log_contrast(const files::Picture& picture, int column, int row) {
   constexpr double k_count = k_block * k_block;
   for (int y = row * k_block; y < (row + 1) * k_block; ++y)
     for (int x = column * k_block; x < (column + 1) * k_block; ++x) {
-      const auto level = static_cast<double>(picture.at(x, y));
+      const double level = picture.at(x, y);
       sum += level, squares += level * level;
     }
   const double variance = std::max(0.0, squares / k_count - std::pow(sum / k_count, 2));
@@ -67,7 +66,7 @@ struct Rectangle {
 Rectangle largest_rectangle(const Blocks& textured) {
   Rectangle best;
   for (int y0 = 0; y0 < textured.rows; ++y0) {
-    std::vector<char> open(static_cast<std::size_t>(textured.columns), 1);
+    std::vector<char> open(textured.columns, 1);
     for (int y1 = y0; y1 < textured.rows; ++y1)
       for (int x = 0, begin = 0; x < textured.columns; ++x) {
         open[x] &= static_cast<char>(textured.at(x, y1) > 0);

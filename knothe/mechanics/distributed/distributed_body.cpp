@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/full_order/increments.hpp"
 
 namespace knothe::mechanics {
@@ -46,15 +47,14 @@ double DistributedBody::free_norm(std::span<const double> force) const {
 }
 
 double DistributedBody::reaction(std::span<const double> force) const {
-  return ranks.sum(std::inner_product(force.begin(),
-                                      force.begin() + static_cast<std::ptrdiff_t>(owned_dofs()),
-                                      unit_prescribed.begin(), 0.0));
+  return ranks.sum(
+      std::inner_product(force.begin(), force.begin() + owned_dofs(), unit_prescribed.begin(), 0.0));
 }
 
 DistributedStepping::DistributedStepping(DistributedBody& body, const SolverOptions& options,
                                          const DamageParameters& parameters, std::span<const double> ratios)
     : body_(body), options_(options), parameters_(parameters), ratios_(ratios) {
-  history_.assign(static_cast<std::size_t>(body.part.mesh.cell_count() * k_points_per_cell), 0.0);
+  history_.assign(body.part.mesh.cell_count() * k_points_per_cell, 0.0);
   committed_ = trial_ = history_;
   displacement_.assign(body.unit_lift.size(), 0.0);
   force_ = correction_ = displacement_;
@@ -94,16 +94,15 @@ double DistributedStepping::evaluate(double imposed) {
 
 void DistributedStepping::prepare_secant() {
   body_.system->set_symmetric([&](std::int64_t cell, CellMatrix& matrix) {
-    body_.secant_matrix(
-        cell, std::span(trial_).subspan(static_cast<std::size_t>(k_points_per_cell * cell), 8), matrix);
+    body_.secant_matrix(cell, std::span(trial_).subspan(k_points_per_cell * cell, 8), matrix);
   });
   preconditioner_is_old_ = false;
 }
 
 /// Solves for the correction and makes it.
 bool DistributedStepping::correct() {
-  right_.assign(force_.begin(), force_.begin() + static_cast<std::ptrdiff_t>(body_.owned_dofs()));
-  for (std::size_t dof = 0; dof < right_.size(); ++dof)
+  right_.assign(force_.begin(), force_.begin() + body_.owned_dofs());
+  for (Index dof = 0; dof < std::ssize(right_); ++dof)
     if (body_.prescribed[dof] != 0) right_[dof] = 0;
   const LinearSolve solve =
       body_.system->solve(right_, correction_, k_linear_tolerance, k_max_linear_iterations);
@@ -156,7 +155,7 @@ bool DistributedStepping::secant(double imposed, StepRecord& record) {
 void DistributedStepping::start_guess(double imposed, bool extrapolate) {
   const double last = state_.imposed - previous_.imposed;
   const double step = imposed - state_.imposed;
-  for (std::size_t dof = 0; dof < displacement_.size(); ++dof) {
+  for (Index dof = 0; dof < std::ssize(displacement_); ++dof) {
     const double now = state_.displacement[dof];
     // The elastic solution for the increment, or the line through the last two states.
     displacement_[dof] = extrapolate && last > 0 ? now + step / last * (now - previous_.displacement[dof])
@@ -173,7 +172,7 @@ void DistributedStepping::commit(double imposed, StepRecord& record) {
     const CellVector now = body_.gather(displacement_, cell),
                      before = body_.gather(state_.displacement, cell);
     for (int point = 0; point < k_points_per_cell; ++point) {
-      const auto place = static_cast<std::size_t>(k_points_per_cell * cell + point);
+      const std::size_t place = k_points_per_cell * cell + point;
       const double* gradient = body_.elements.gradient(cell, point);
       const double weight = body_.elements.weight(cell, point), d = history_[place];
       const Voigt strain = strain_at(gradient, now);
@@ -184,8 +183,8 @@ void DistributedStepping::commit(double imposed, StepRecord& record) {
       sums[2] += 1;
     }
   }
-  body_.ranks.sum(sums.data(), static_cast<int>(sums.size()));
-  record.damaged_points = static_cast<int>(sums[2]);
+  body_.ranks.sum(sums.data(), sums.size());
+  record.damaged_points = sums[2];
   committed_ = history_;
   work_ += 0.5 * (reaction_ + state_.reaction) * (imposed - state_.imposed);
   dissipated_ += sums[1];
@@ -219,12 +218,11 @@ StepRecord DistributedStepping::advance(double target) {
 }
 
 std::vector<double> DistributedStepping::cell_damage() const {
-  std::vector<double> mean(static_cast<std::size_t>(body_.part.mesh.cell_count()), 0.0);
-  for (std::size_t cell = 0; cell < mean.size(); ++cell)
+  std::vector<double> mean(body_.part.mesh.cell_count(), 0.0);
+  for (Index cell = 0; cell < std::ssize(mean); ++cell)
     for (int point = 0; point < k_points_per_cell; ++point)
-      mean[cell] += reference_damage(committed_[k_points_per_cell * cell + static_cast<std::size_t>(point)],
-                                     ratios_[cell]) /
-                    k_points_per_cell;
+      mean[cell] +=
+          reference_damage(committed_[k_points_per_cell * cell + point], ratios_[cell]) / k_points_per_cell;
   return mean;
 }
 

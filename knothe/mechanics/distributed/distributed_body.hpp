@@ -25,7 +25,7 @@ struct DistributedBody {
   double unit_reaction = 0;             ///< half body, N/m
   std::unique_ptr<DistributedSystem> system;
 
-  [[nodiscard]] std::size_t owned_dofs() const { return static_cast<std::size_t>(3 * part.owned_nodes); }
+  [[nodiscard]] std::size_t owned_dofs() const { return 3 * part.owned_nodes; }
   [[nodiscard]] CellVector gather(std::span<const double> values, std::int64_t cell) const;
   void scatter(const CellVector& values, std::int64_t cell, std::span<double> sum) const;
   /// Of a cell whose material has lost the parts `damage` of its stiffness at its 8 points (none if empty).

@@ -17,12 +17,12 @@ namespace {
 double memory() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
-  return static_cast<double>(usage.ru_maxrss) / 1024;
+  return usage.ru_maxrss / 1024.0;
 }
 
 void prescribe(DistributedBody& body) {
   const HexahedronMesh& mesh = body.part.mesh;
-  const auto dofs = static_cast<std::size_t>(3 * mesh.node_count());
+  const std::size_t dofs = 3 * mesh.node_count();
   body.prescribed.assign(dofs, 0);
   body.unit_prescribed.assign(dofs, 0.0);
   const auto hold = [&](const NodeSet& nodes, int component) {
@@ -66,17 +66,17 @@ struct DistributedModel::Implementation {
     std::vector<double> result(coarse.points.size(), 0.0);
     for (const auto& [number, node] : body.part.coarse_nodes)
       for (int c = 0; c < 3; ++c) result[3 * number + c] = values[3 * node + c];
-    body.ranks.sum(result.data(), static_cast<int>(result.size()));
+    body.ranks.sum(result.data(), result.size());
     return result;
   }
 
   [[nodiscard]] std::vector<double> mean_of_coarse_cells(std::span<const double> values) const {
-    const auto cells = static_cast<std::size_t>(coarse.cell_count());
+    const std::size_t cells = coarse.cell_count();
     std::vector<double> result(cells, 0.0);
-    const double share = static_cast<double>(cells) / static_cast<double>(body.part.total_cells);
+    const double share = static_cast<double>(cells) / body.part.total_cells;
     for (std::int64_t cell = 0; cell < body.part.owned_cells; ++cell)
       result[body.part.coarse_cell[cell]] += share * values[cell];
-    body.ranks.sum(result.data(), static_cast<int>(cells));
+    body.ranks.sum(result.data(), cells);
     return result;
   }
 

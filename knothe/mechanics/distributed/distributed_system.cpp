@@ -82,14 +82,13 @@ struct PetscSystem final : DistributedSystem {
                     int max_iterations) override;
   void update_ghosts(std::span<double> values) override;
 
-  [[nodiscard]] PetscInt rows() const { return static_cast<PetscInt>(3 * part.owned_nodes); }
+  [[nodiscard]] PetscInt rows() const { return 3 * part.owned_nodes; }
 
   void make_vectors() {
     std::vector<PetscInt> ghosts;
-    for (std::int64_t n = part.owned_nodes; n < part.node_count(); ++n)
-      ghosts.push_back(static_cast<PetscInt>(part.global_node[n]));
-    check(VecCreateGhostBlock(PETSC_COMM_WORLD, 3, rows(), PETSC_DETERMINE,
-                              static_cast<PetscInt>(ghosts.size()), ghosts.data(), ghosted.out()),
+    for (std::int64_t n = part.owned_nodes; n < part.node_count(); ++n) ghosts.push_back(part.global_node[n]);
+    check(VecCreateGhostBlock(PETSC_COMM_WORLD, 3, rows(), PETSC_DETERMINE, ghosts.size(), ghosts.data(),
+                              ghosted.out()),
           "make a vector");
     check(VecCreateMPI(PETSC_COMM_WORLD, rows(), PETSC_DETERMINE, right.out()), "make a vector");
     check(VecSetBlockSize(right.get(), 3), "set the size of blocks");
@@ -99,13 +98,13 @@ struct PetscSystem final : DistributedSystem {
 
   /// How many owned and other nodes each owned node is coupled with.
   void count_neighbours(std::vector<PetscInt>& own, std::vector<PetscInt>& other) const {
-    const auto owned = static_cast<std::size_t>(part.owned_nodes);
+    const std::size_t owned = part.owned_nodes;
     std::vector<std::size_t> start(owned + 1, 0);
     const auto visit = [&](const auto& action) {
       for (std::int64_t cell = 0; cell < part.mesh.cell_count(); ++cell) {
         const std::int64_t* nodes = &part.mesh.cells[8 * cell];
         for (int a = 0; a < 8; ++a)
-          if (nodes[a] < part.owned_nodes) action(static_cast<std::size_t>(nodes[a]), cell);
+          if (nodes[a] < part.owned_nodes) action(nodes[a], cell);
       }
     };
     visit([&](std::size_t node, std::int64_t) { ++start[node + 1]; });
@@ -119,7 +118,7 @@ struct PetscSystem final : DistributedSystem {
     for (std::size_t n = 0; n < owned; ++n) {
       neighbours.clear();
       for (std::size_t k = start[n]; k < start[n + 1]; ++k) {
-        const std::int64_t* nodes = &part.mesh.cells[static_cast<std::size_t>(8 * around[k])];
+        const std::int64_t* nodes = &part.mesh.cells[8 * around[k]];
         neighbours.insert(neighbours.end(), nodes, nodes + 8);
       }
       std::sort(neighbours.begin(), neighbours.end());
@@ -167,8 +166,7 @@ struct PetscSystem final : DistributedSystem {
       cell_matrices(cell, values);
       const std::int64_t* nodes = &part.mesh.cells[8 * cell];
       for (int b = 0; b < 8; ++b)
-        for (int c = 0; c < 3; ++c)
-          columns[3 * b + c] = static_cast<PetscInt>(3 * part.global_node[nodes[b]] + c);
+        for (int c = 0; c < 3; ++c) columns[3 * b + c] = 3 * part.global_node[nodes[b]] + c;
       for (int a = 0; a < 8; ++a) {
         if (nodes[a] >= part.owned_nodes) continue;
         const std::array<PetscInt, 3> rows_of_node = {columns[3 * a], columns[3 * a + 1], columns[3 * a + 2]};
@@ -187,7 +185,7 @@ struct PetscSystem final : DistributedSystem {
     for (std::int64_t n = 0; n < part.owned_nodes; ++n)
       for (int c = 0; c < 3; ++c)
         if (is_prescribed(n, c)) {
-          const auto row = static_cast<PetscInt>(3 * part.global_node[n] + c);
+          const PetscInt row = 3 * part.global_node[n] + c;
           check(MatSetValue(m, row, row, scale, ADD_VALUES), "set a value of a matrix");
         }
     check(MatAssemblyBegin(m, MAT_FINAL_ASSEMBLY), "assemble a matrix");
@@ -258,7 +256,7 @@ LinearSolve PetscSystem::solve(std::span<const double> b, std::span<double> x, d
   KSPConvergedReason reason = KSP_CONVERGED_ITERATING;
   check(KSPGetIterationNumber(solver.get(), &iterations), "count its iterations");
   check(KSPGetConvergedReason(solver.get(), &reason), "say how it ended");
-  result.iterations = static_cast<int>(iterations);
+  result.iterations = iterations;
   result.converged = reason > 0;
   check(MatMult(current, solution.get(), residual.get()), "multiply");
   check(VecAYPX(residual.get(), -1.0, right.get()), "subtract");

@@ -14,6 +14,7 @@
 #include <unordered_map>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/distributed/ranks.hpp"
 #include "knothe/mechanics/mesh/triangulation.hpp"
 
@@ -64,8 +65,8 @@ void visit_supports(const Ancestor& ancestor, const Reference& place, const Visi
 /// Membership in the node sets of the coarse mesh, a bit each.
 class SetBits {
  public:
-  explicit SetBits(const HexahedronMesh& mesh) : bits_(static_cast<std::size_t>(mesh.node_count()), 0) {
-    for (std::size_t set = 0; set < k_sets.size(); ++set)
+  explicit SetBits(const HexahedronMesh& mesh) : bits_(mesh.node_count(), 0) {
+    for (Index set = 0; set < std::ssize(k_sets); ++set)
       for (const std::int64_t node : mesh.*k_sets[set]) bits_[node] |= 1U << set;
   }
 
@@ -76,7 +77,7 @@ class SetBits {
   }
 
   static void add(std::int64_t node, unsigned bits, HexahedronMesh& mesh) {
-    for (std::size_t set = 0; set < k_sets.size(); ++set)
+    for (Index set = 0; set < std::ssize(k_sets); ++set)
       if ((bits >> set & 1U) != 0) (mesh.*k_sets[set]).push_back(node);
   }
 
@@ -91,12 +92,12 @@ class SetBits {
 class LocalNumbers {
  public:
   LocalNumbers(const dealii::IndexSet& owned, MeshPart& part) : part_(part) {
-    part.owned_nodes = static_cast<std::int64_t>(owned.n_elements());
+    part.owned_nodes = owned.n_elements();
     part.first_owned = owned.n_elements() > 0 ? static_cast<std::int64_t>(owned.nth_index_in_set(0)) : 0;
-    part.global_node.resize(static_cast<std::size_t>(part.owned_nodes));
+    part.global_node.resize(part.owned_nodes);
     for (std::int64_t n = 0; n < part.owned_nodes; ++n) part.global_node[n] = part.first_owned + n;
-    seen_.assign(static_cast<std::size_t>(part.owned_nodes), 0);
-    part.mesh.points.resize(static_cast<std::size_t>(3 * part.owned_nodes));
+    seen_.assign(part.owned_nodes, 0);
+    part.mesh.points.resize(3 * part.owned_nodes);
   }
 
   /// The local number, and whether the node is met for the first time.
@@ -107,8 +108,7 @@ class LocalNumbers {
       seen_[place] = 1;
       return {place, fresh};
     }
-    const auto [found, fresh] =
-        others_.try_emplace(global, static_cast<std::int64_t>(part_.global_node.size()));
+    const auto [found, fresh] = others_.try_emplace(global, std::ssize(part_.global_node));
     if (fresh) {
       part_.global_node.push_back(global);
       part_.mesh.points.resize(part_.mesh.points.size() + 3);
@@ -128,7 +128,7 @@ void add_cell(const HexahedronMesh& coarse, const SetBits& sets, const Cell& cel
   HexahedronMesh& mesh = part.mesh;
   std::array<std::int64_t, 8> nodes{};
   for (unsigned v = 0; v < 8; ++v) {
-    const auto [node, fresh] = numbers.number(static_cast<std::int64_t>(cell->vertex_dof_index(v, 0)));
+    const auto [node, fresh] = numbers.number(cell->vertex_dof_index(v, 0));
     nodes[k_vtk_of_lexicographic[v]] = node;
     if (!fresh) continue;
     for (unsigned k = 0; k < 3; ++k) mesh.points[3 * node + k] = cell->vertex(v)[k];
@@ -143,7 +143,7 @@ void add_cell(const HexahedronMesh& coarse, const SetBits& sets, const Cell& cel
     if (supports == 1) part.coarse_nodes.emplace_back(last, node);
   }
   mesh.cells.insert(mesh.cells.end(), nodes.begin(), nodes.end());
-  const auto number = static_cast<std::size_t>(ancestor.cell);
+  const std::size_t number = ancestor.cell;
   mesh.elastic.push_back(coarse.elastic[number]);
   if (!coarse.names.empty()) mesh.names.push_back(coarse.names[number]);
   part.coarse_cell.push_back(ancestor.cell);
@@ -176,8 +176,8 @@ MeshPart distribute_mesh(const HexahedronMesh& coarse, int refinements) {
   dofs.distribute_dofs(element);
 
   MeshPart part;
-  part.total_nodes = static_cast<std::int64_t>(dofs.n_dofs());
-  part.total_cells = static_cast<std::int64_t>(triangulation.n_global_active_cells());
+  part.total_nodes = dofs.n_dofs();
+  part.total_cells = triangulation.n_global_active_cells();
   part.mesh.left_support = coarse.left_support;
   part.mesh.support_stiffness = coarse.support_stiffness;
   const SetBits sets(coarse);

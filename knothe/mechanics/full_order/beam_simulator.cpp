@@ -4,6 +4,7 @@
 #include <numeric>
 #include <utility>
 
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/distributed/ranks.hpp"
 #include "knothe/mechanics/full_order/child_processes.hpp"
 #include "knothe/mechanics/law/regularisation.hpp"
@@ -22,7 +23,7 @@ simulator::RunRecord record_of(const FullOrderResult& result) {
 
 /// Axes of one node each, at this point.
 std::vector<reduction::Axis> axes_at(std::vector<reduction::Axis> axes, std::span<const double> parameters) {
-  for (std::size_t i = 0; i < axes.size(); ++i) axes[i].nodes = {parameters[i]};
+  for (Index i = 0; i < std::ssize(axes); ++i) axes[i].nodes = {parameters[i]};
   return axes;
 }
 
@@ -89,8 +90,8 @@ std::vector<simulator::RunFailure> BeamSimulator::solve_to_files(
     };
     try {
       run_in_processes(
-          static_cast<int>(now.size()), processes, compute,
-          [&](int count) { finished(done + static_cast<std::size_t>(count)); }, [] { return std::string(); });
+          now.size(), processes, compute, [&](int count) { finished(done + count); },
+          [] { return std::string(); });
     } catch (const JobFailure& failure) {
       const auto status = static_cast<ExitStatus>(failure.exit_status);
       if (status == ExitStatus::interrupted) throw Interrupted(failure.message);

@@ -31,7 +31,7 @@ void say(int pipe, const std::string& message) {
   while (written < message.size()) {
     const auto count = ::write(pipe, message.data() + written, message.size() - written);
     if (count <= 0) return;
-    written += static_cast<std::size_t>(count);
+    written += count;
   }
 }
 
@@ -79,7 +79,7 @@ class Pool {
     children_.push_back({process, ends[0], job, {}});
   }
 
-  [[nodiscard]] int running() const { return static_cast<int>(children_.size()); }
+  [[nodiscard]] int running() const { return children_.size(); }
 
   /// Waits a moment for children to end and returns how many ended well.
   int collect() {
@@ -92,11 +92,11 @@ class Pool {
       char buffer[1024];
       const auto count = ::read(children_[i].pipe, buffer, sizeof buffer);
       if (count > 0) {
-        children_[i].message.append(buffer, static_cast<std::size_t>(count));
+        children_[i].message.append(buffer, count);
         continue;
       }
       const Child child = children_[i];
-      children_.erase(children_.begin() + static_cast<std::ptrdiff_t>(i));
+      children_.erase(children_.begin() + i);
       const int status = bury(child);
       if (WIFEXITED(status) && WEXITSTATUS(status) == 0) {
         ++done;

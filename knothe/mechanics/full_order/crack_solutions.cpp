@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/full_order/dense_solvers.hpp"
 #include "knothe/mechanics/full_order/structure.hpp"
 #include "knothe/mechanics/mesh/structured_grid.hpp"
@@ -99,7 +100,7 @@ void CrackedBeam::make_mesh(const BeamOptions& beam, const CrackedBeamOptions& o
     for (int c = 0; c < 3; ++c) {
       const auto& planes = planes_[c];
       const auto interval = std::upper_bound(planes.begin(), planes.end(), centre[c]) - planes.begin() - 1;
-      index = index * (planes.size() - 1) + static_cast<std::size_t>(interval);
+      index = index * (planes.size() - 1) + interval;
     }
     cell_at_[index] = cell;
   }
@@ -121,7 +122,7 @@ void CrackedBeam::open_line(double top) {
     if (mesh_.cell_centre(cell)[0] < line_) continue;
     for (int a = 0; a < 8; ++a) {
       auto& node = mesh_.cells[8 * cell + a];
-      if (node < static_cast<std::int64_t>(twin.size()) && twin[node] >= 0) node = twin[node];
+      if (node < std::ssize(twin) && twin[node] >= 0) node = twin[node];
     }
   }
   std::sort(pairs_.begin(), pairs_.end(), [&](const auto& a, const auto& b) {
@@ -131,16 +132,15 @@ void CrackedBeam::open_line(double top) {
 
 void CrackedBeam::solve(const ElasticConstants& elastic) {
   const Structure body(mesh_, elastic, "cracked beam");
-  const auto n = static_cast<std::size_t>(body.free_count());
-  const auto dofs = static_cast<std::size_t>(body.dof_count());
+  const std::size_t n = body.free_count();
+  const std::size_t dofs = body.dof_count();
   // Ties: free dofs of left and right node of each pair, from below; the first tie of each pair.
   std::vector<std::array<int, 2>> ties;
   std::vector<std::size_t> first_tie;
   for (const auto& [left, right] : pairs_) {
     first_tie.push_back(ties.size());
     for (int c = 0; c < 3; ++c) {
-      const int a = body.free_index(static_cast<int>(3 * left + c)),
-                b = body.free_index(static_cast<int>(3 * right + c));
+      const int a = body.free_index(3 * left + c), b = body.free_index(3 * right + c);
       if (a >= 0 && b >= 0) ties.push_back({a, b});
     }
   }
@@ -162,7 +162,7 @@ void CrackedBeam::solve(const ElasticConstants& elastic) {
       right[n * j + ties[first + j][0]] = -1;
       right[n * j + ties[first + j][1]] = 1;
     }
-    body.factor().solve(right, static_cast<int>(columns));
+    body.factor().solve(right, columns);
     for (std::size_t j = 0; j < columns; ++j)
       for (std::size_t i = 0; i < m; ++i)
         flexibility[m * (first + j) + i] = jump(std::span(right).subspan(n * j, n), i);
@@ -170,18 +170,17 @@ void CrackedBeam::solve(const ElasticConstants& elastic) {
 
   solutions_.resize(lengths_.size() * dofs);
   std::vector<double> force(dofs);
-  for (std::size_t index = 0; index < lengths_.size(); ++index) {
+  for (Index index = 0; index < std::ssize(lengths_); ++index) {
     // The pair at the tip, and all above it, are closed: A u = 0 there by forces λ, u = u_open - K⁻¹ Aᵀ λ.
     const double tip = corner_ + lengths_[index];
     std::size_t pair = 0;
     while (pair < pairs_.size() && mesh_.points[3 * pairs_[pair][0] + 1] < tip - k_near) ++pair;
     const std::size_t closed = pair < pairs_.size() ? first_tie[pair] : m;
     const std::size_t size = m - closed;
-    std::vector<double> system(size * size),
-        lambda(open_jump.begin() + static_cast<std::ptrdiff_t>(closed), open_jump.end());
+    std::vector<double> system(size * size), lambda(open_jump.begin() + closed, open_jump.end());
     for (std::size_t j = 0; j < size; ++j)
       std::copy_n(&flexibility[m * (closed + j) + closed], size, &system[size * j]);
-    if (!solve_positive_definite(system, static_cast<int>(size), lambda, 1))
+    if (!solve_positive_definite(system, size, lambda, 1))
       throw NumericalError(
           fmt::format("crack of length {} m: the nodes of the crack line cannot be tied", lengths_[index]));
     std::vector<double> right(n, 0.0);
@@ -192,7 +191,7 @@ void CrackedBeam::solve(const ElasticConstants& elastic) {
     body.factor().solve(right);
     double* solution = &solutions_[dofs * index];
     for (std::size_t dof = 0; dof < dofs; ++dof) {
-      const int free = body.free_index(static_cast<int>(dof));
+      const int free = body.free_index(dof);
       solution[dof] = body.unit_lift()[dof] - (free >= 0 ? right[free] : 0.0);
     }
     body.stiffness().multiply(std::span<const double>(solution, dofs), force);
@@ -203,7 +202,7 @@ void CrackedBeam::solve(const ElasticConstants& elastic) {
 
 std::span<const double> CrackedBeam::solution(int index) const {
   const std::size_t dofs = mesh_.points.size();
-  return std::span(solutions_).subspan(dofs * static_cast<std::size_t>(index), dofs);
+  return std::span(solutions_).subspan(dofs * index, dofs);
 }
 
 CrackedBeam::Place CrackedBeam::locate(const double* point) const {
@@ -211,7 +210,7 @@ CrackedBeam::Place CrackedBeam::locate(const double* point) const {
   std::array<std::array<std::ptrdiff_t, 2>, 3> choices;
   for (int c = 0; c < 3; ++c) {
     const auto& planes = planes_[c];
-    const auto last = static_cast<std::ptrdiff_t>(planes.size()) - 2;
+    const auto last = std::ssize(planes) - 2;
     const auto from_right =
         std::upper_bound(planes.begin(), planes.end(), point[c] + k_near) - planes.begin() - 1;
     const auto from_left =
@@ -224,8 +223,7 @@ CrackedBeam::Place CrackedBeam::locate(const double* point) const {
     for (const auto j : choices[1])
       for (const auto k : choices[2]) {
         if (i < 0 || j < 0 || k < 0) continue;
-        const auto rows = static_cast<std::ptrdiff_t>(planes_[1].size()) - 1,
-                   layers = static_cast<std::ptrdiff_t>(planes_[2].size()) - 1;
+        const auto rows = std::ssize(planes_[1]) - 1, layers = std::ssize(planes_[2]) - 1;
         const std::int64_t cell = cell_at_[(i * rows + j) * layers + k];
         if (cell < 0) continue;
         const double a = (point[0] - planes_[0][i]) / (planes_[0][i + 1] - planes_[0][i]);
@@ -248,11 +246,10 @@ std::vector<double> CrackedBeam::interpolate(std::span<const double> points,
   std::vector<double> values(lengths_.size() * n);
   for (std::size_t i = 0; i < n; ++i) {
     const Place place = locate(&points[3 * i]);
-    for (std::size_t index = 0; index < lengths_.size(); ++index) {
+    for (Index index = 0; index < std::ssize(lengths_); ++index) {
       double sum = 0;
       for (int a = 0; a < 8; ++a)
-        sum += place.weights[a] * solutions_[dofs * index + 3 * static_cast<std::size_t>(place.nodes[a]) +
-                                             static_cast<std::size_t>(components[i])];
+        sum += place.weights[a] * solutions_[dofs * index + 3 * place.nodes[a] + components[i]];
       values[index * n + i] = sum;
     }
   }

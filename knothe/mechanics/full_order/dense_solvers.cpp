@@ -31,7 +31,7 @@ namespace {
 }  // namespace
 
 bool solve_dense(std::span<double> matrix, std::span<double> right_hand_side) {
-  const int n = static_cast<int>(right_hand_side.size()), one = 1;
+  const int n = right_hand_side.size(), one = 1;
   assert(matrix.size() == right_hand_side.size() * right_hand_side.size());
   if (n == 0) return true;
   std::vector<int> pivots(n);
@@ -58,7 +58,7 @@ bool invert_positive_definite(std::span<double> matrix, int n) {
 }
 
 void multiply_symmetric(std::span<const double> matrix, std::span<const double> x, std::span<double> out) {
-  const int n = static_cast<int>(x.size()), one = 1;
+  const int n = x.size(), one = 1;
   if (n == 0) return;
   const double alpha = 1, beta = 0;
   const auto lock = one_at_a_time();

@@ -4,6 +4,7 @@
 #include <tuple>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/full_order/dense_solvers.hpp"
 
 namespace knothe::mechanics {
@@ -30,12 +31,12 @@ class UncondensedSystem final : public EquilibriumSystem {
                 std::span<double> r) override {
     expand(imposed, v, force, displacement_);
     structure_.stiffness().multiply(displacement_, force_);
-    for (std::size_t i = 0; i < r.size(); ++i) r[i] = force_[structure_.free_dofs()[i]] - force[i];
+    for (Index i = 0; i < std::ssize(r); ++i) r[i] = force_[structure_.free_dofs()[i]] - force[i];
   }
 
   bool solve(std::span<const CellMatrix> matrices, std::span<const double> r, std::span<double> x) override {
     tangent_.value = structure_.free_stiffness().value;
-    for (std::size_t cell = 0; cell < matrices.size(); ++cell) {
+    for (Index cell = 0; cell < std::ssize(matrices); ++cell) {
       const int* places = &places_[k_cell_dofs * cell];
       for (int i = 0; i < k_cell_dofs; ++i)
         for (int j = 0; j < k_cell_dofs; ++j)
@@ -79,7 +80,7 @@ class CondensedSystem final : public EquilibriumSystem {
     std::vector<int> unknown_of_dof(structure_.dof_count(), -1);
     for (const int place : wanted) {
       const int dof = flexibility_.dof(place);
-      unknown_of_dof[dof] = static_cast<int>(dofs_.size());
+      unknown_of_dof[dof] = dofs_.size();
       dofs_.push_back(dof);
       lift_.push_back(structure_.unit_lift()[dof]);
     }
@@ -93,7 +94,7 @@ class CondensedSystem final : public EquilibriumSystem {
       const auto column = flexibility_.column(wanted[j]);
       for (std::size_t i = 0; i < n; ++i) schur_[j * n + i] = column[wanted[i]];
     }
-    if (!invert_positive_definite(schur_, static_cast<int>(n)))
+    if (!invert_positive_definite(schur_, n))
       throw NumericalError(
           "the condensed elastic stiffness is not positive definite: the mesh is too ill-conditioned "
           "for static condensation");
@@ -105,15 +106,15 @@ class CondensedSystem final : public EquilibriumSystem {
 
   void residual(double imposed, std::span<const double> v, std::span<const double> force,
                 std::span<double> r) override {
-    for (std::size_t i = 0; i < v.size(); ++i) difference_[i] = v[i] - imposed * lift_[i];
+    for (Index i = 0; i < std::ssize(v); ++i) difference_[i] = v[i] - imposed * lift_[i];
     multiply_symmetric(schur_, difference_, r);
-    for (std::size_t i = 0; i < v.size(); ++i) r[i] -= force[i];
+    for (Index i = 0; i < std::ssize(v); ++i) r[i] -= force[i];
   }
 
   bool solve(std::span<const CellMatrix> matrices, std::span<const double> r, std::span<double> x) override {
     const std::size_t n = dofs_.size();
     std::copy(schur_.begin(), schur_.end(), tangent_.begin());
-    for (std::size_t cell = 0; cell < matrices.size(); ++cell) {
+    for (Index cell = 0; cell < std::ssize(matrices); ++cell) {
       const int* places = &places_[k_cell_dofs * cell];
       for (int j = 0; j < k_cell_dofs; ++j) {
         if (places[j] < 0) continue;
@@ -129,7 +130,7 @@ class CondensedSystem final : public EquilibriumSystem {
   void expand(double imposed, std::span<const double>, std::span<const double> force,
               std::span<double> displacement) override {
     std::vector<double> right(structure_.free_count(), 0.0);
-    for (std::size_t i = 0; i < dofs_.size(); ++i) right[structure_.free_index(dofs_[i])] = force[i];
+    for (Index i = 0; i < std::ssize(dofs_); ++i) right[structure_.free_index(dofs_[i])] = force[i];
     structure_.factor().solve(right);
     for (int dof = 0; dof < structure_.dof_count(); ++dof) {
       const int free = structure_.free_index(dof);
@@ -174,7 +175,7 @@ Flexibility::Flexibility(const Structure& structure)
     return std::tuple(point[0], point[1], point[2], dof);
   };
   std::sort(dofs_.begin(), dofs_.end(), [&](int a, int b) { return key(a) < key(b); });
-  for (std::size_t i = 0; i < dofs_.size(); ++i) place_[dofs_[i]] = static_cast<int>(i);
+  for (Index i = 0; i < std::ssize(dofs_); ++i) place_[dofs_[i]] = i;
   columns_.resize(dofs_.size());
 }
 
@@ -183,7 +184,7 @@ std::span<const double> Flexibility::column(int place) {
     const std::size_t rows = dofs_.size();
     const int first = place / k_block * k_block;
     const int columns = std::min(k_block, static_cast<int>(rows) - first);
-    const auto size = static_cast<std::size_t>(structure_.free_count());
+    const std::size_t size = structure_.free_count();
     std::vector<double> right(size * columns, 0.0);
     for (int c = 0; c < columns; ++c) right[size * c + structure_.free_index(dofs_[first + c])] = 1.0;
     structure_.factor().solve(right, columns);

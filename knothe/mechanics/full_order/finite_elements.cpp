@@ -12,16 +12,17 @@
 #include <cassert>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/mesh/triangulation.hpp"
 
 namespace knothe::mechanics {
 void make_triangulation(std::span<const double> points, std::span<const std::int64_t> cells,
                         dealii::Triangulation<3>& triangulation) {
   std::vector<dealii::Point<3>> vertices(points.size() / 3);
-  for (std::size_t n = 0; n < vertices.size(); ++n)
+  for (Index n = 0; n < std::ssize(vertices); ++n)
     vertices[n] = dealii::Point<3>(points[3 * n], points[3 * n + 1], points[3 * n + 2]);
   std::vector<dealii::CellData<3>> data(cells.size() / 8);
-  for (std::size_t cell = 0; cell < data.size(); ++cell)
+  for (Index cell = 0; cell < std::ssize(data); ++cell)
     for (int a = 0; a < 8; ++a)
       data[cell].vertices[a] = static_cast<unsigned>(cells[8 * cell + k_vtk_of_lexicographic[a]]);
   try {
@@ -58,7 +59,7 @@ FiniteElements evaluate_finite_elements(std::span<const double> points, std::spa
       const auto found =
           std::find(nodes.begin(), nodes.end(), static_cast<std::int64_t>(cell->vertex_index(vertex)));
       assert(found != nodes.end());
-      place[vertex] = static_cast<std::size_t>(found - nodes.begin());
+      place[vertex] = found - nodes.begin();
     }
     for (unsigned point = 0; point < k_points_per_cell; ++point) {
       double* gradient = &result.gradients[(number * k_points_per_cell + point) * 24];

@@ -7,6 +7,7 @@
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/full_order/gradient_stepping.hpp"
 #include "knothe/mechanics/full_order/load_stepping.hpp"
 
@@ -44,8 +45,8 @@ int FullOrderResult::secant_iterations() const {
 
 std::vector<int> FullOrderResult::steps_without_equilibrium() const {
   std::vector<int> numbers;
-  for (std::size_t i = 0; i < steps.size(); ++i)
-    if (!steps[i].equilibrium) numbers.push_back(static_cast<int>(i));
+  for (Index i = 0; i < std::ssize(steps); ++i)
+    if (!steps[i].equilibrium) numbers.push_back(i);
   return numbers;
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/full_order/increments.hpp"
 
 namespace knothe::mechanics {
@@ -31,7 +32,7 @@ GradientStepping::GradientStepping(const Structure& structure, const SolverOptio
   tangent_ = base_;
   history_.assign(cells_.size() * k_points_per_cell, 0.0);
   committed_ = trial_ = history_;
-  state_.unknowns.assign(static_cast<std::size_t>(unknown_count()), 0.0);
+  state_.unknowns.assign(unknown_count(), 0.0);
   state_.displacement.assign(structure.dof_count(), 0.0);
   previous_ = state_;
   unknowns_ = residual_ = correction_ = state_.unknowns;
@@ -40,7 +41,7 @@ GradientStepping::GradientStepping(const Structure& structure, const SolverOptio
 
 void GradientStepping::number() {
   const auto& mesh = structure_.mesh();
-  std::vector<int> average(static_cast<std::size_t>(mesh.node_count()), -1);
+  std::vector<int> average(mesh.node_count(), -1);
   for (std::int64_t cell = 0; cell < mesh.cell_count(); ++cell) {
     if (mesh.elastic[cell] != 0) continue;
     cells_.push_back(cell);
@@ -71,13 +72,13 @@ void GradientStepping::assemble_base() {
   positions_.assign(cells_.size() * k_cell_unknowns * k_cell_unknowns, -1);
   const double modulus = structure_.elastic().young_modulus;
   const double square = std::pow(options_.regularisation.internal_length, 2);
-  for (std::size_t index = 0; index < cells_.size(); ++index) {
+  for (Index index = 0; index < std::ssize(cells_); ++index) {
     const int* places = &places_[k_cell_unknowns * index];
     int* positions = &positions_[k_cell_unknowns * k_cell_unknowns * index];
     for (int i = 0; i < k_cell_unknowns; ++i)
       for (int j = 0; j < k_cell_unknowns; ++j)
         if (places[i] >= 0 && places[j] >= 0)
-          positions[k_cell_unknowns * i + j] = static_cast<int>(base_.position(places[i], places[j]));
+          positions[k_cell_unknowns * i + j] = base_.position(places[i], places[j]);
     for (int point = 0; point < k_points_per_cell; ++point) {
       const double* value = structure_.elements().value(cells_[index], point);
       const double* gradient = structure_.elements().gradient(cells_[index], point);
@@ -181,7 +182,7 @@ void GradientStepping::evaluate(double imposed, Stiffness stiffness) {
   std::fill(residual_.begin(), residual_.end(), 0.0);
   tangent_.value = base_.value;
   average_scale_ = 0;
-  for (std::size_t index = 0; index < cells_.size(); ++index) evaluate_cell(index, stiffness);
+  for (Index index = 0; index < std::ssize(cells_); ++index) evaluate_cell(index, stiffness);
   for (int i = 0; i < structure_.free_count(); ++i) residual_[i] = force_[structure_.free_dofs()[i]];
   reaction_ = dot(force_, structure_.unit_prescribed());
 }
@@ -196,7 +197,7 @@ double GradientStepping::force_scale(double imposed) const {
 }
 
 double GradientStepping::relative_residual(double imposed) const {
-  const auto free = static_cast<std::size_t>(structure_.free_count());
+  const std::size_t free = structure_.free_count();
   const double forces = norm(std::span(residual_).first(free)) / force_scale(imposed);
   const double average = norm(std::span(residual_).subspan(free)) / std::max(average_scale_, 1e-300);
   return std::max(forces, average);
@@ -217,7 +218,7 @@ bool GradientStepping::newton(double imposed, StepRecord& record) {
     if (iteration == k_newton_iterations) break;
     ++record.newton_iterations;
     if (!solver_.solve(tangent_, residual_, correction_)) return false;
-    for (std::size_t i = 0; i < unknowns_.size(); ++i) unknowns_[i] -= correction_[i];
+    for (Index i = 0; i < std::ssize(unknowns_); ++i) unknowns_[i] -= correction_[i];
   }
   return false;
 }
@@ -236,7 +237,7 @@ bool GradientStepping::secant(double imposed, StepRecord& record) {
     }
     ++record.secant_iterations;
     if (!solver_.solve(tangent_, residual_, correction_)) return false;
-    for (std::size_t i = 0; i < unknowns_.size(); ++i) unknowns_[i] -= correction_[i];
+    for (Index i = 0; i < std::ssize(unknowns_); ++i) unknowns_[i] -= correction_[i];
   }
   return false;
 }
@@ -249,7 +250,7 @@ void GradientStepping::commit(double imposed, StepRecord& record) {
   double stored = 0.5 * dot(displacement_, elastic_force);
   double dissipated = 0;
   record.damaged_points = 0;
-  for (std::size_t index = 0; index < cells_.size(); ++index) {
+  for (Index index = 0; index < std::ssize(cells_); ++index) {
     const CellVector now = structure_.gather(displacement_, cells_[index]);
     const CellVector before = structure_.gather(state_.displacement, cells_[index]);
     for (int point = 0; point < k_points_per_cell; ++point) {
@@ -279,13 +280,13 @@ void GradientStepping::commit(double imposed, StepRecord& record) {
 void GradientStepping::extrapolate(double imposed) {
   const double last = state_.imposed - previous_.imposed;
   const double ratio = last > 0 ? (imposed - state_.imposed) / last : 0.0;
-  for (std::size_t i = 0; i < unknowns_.size(); ++i)
+  for (Index i = 0; i < std::ssize(unknowns_); ++i)
     unknowns_[i] = state_.unknowns[i] + ratio * (state_.unknowns[i] - previous_.unknowns[i]);
 }
 
 StepRecord GradientStepping::advance(double target) {
   StepRecord record;
-  record.active_cells = static_cast<int>(cells_.size());
+  record.active_cells = cells_.size();
   advance_by_increments(
       state_.imposed, target, std::max(options_.cuts, k_min_cuts),
       [&](double next) {
@@ -305,8 +306,8 @@ StepRecord GradientStepping::advance(double target) {
 }
 
 std::vector<double> GradientStepping::cell_damage() const {
-  std::vector<double> mean(static_cast<std::size_t>(structure_.mesh().cell_count()), 0.0);
-  for (std::size_t index = 0; index < cells_.size(); ++index)
+  std::vector<double> mean(structure_.mesh().cell_count(), 0.0);
+  for (Index index = 0; index < std::ssize(cells_); ++index)
     for (int point = 0; point < k_points_per_cell; ++point)
       mean[cells_[index]] +=
           damage(rate_of(committed_[k_points_per_cell * index + point], structure_.elastic().young_modulus),

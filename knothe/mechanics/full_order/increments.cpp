@@ -7,7 +7,7 @@ namespace knothe::mechanics {
 
 NewtonVerdict newton_verdict(std::span<const double> residuals, const SolverOptions& options) {
   const double now = residuals.back();
-  const auto iteration = static_cast<int>(residuals.size()) - 1;
+  const int iteration = residuals.size() - 1;
   if (!std::isfinite(now)) return NewtonVerdict::failed;
   if (now <= options.tolerance) return NewtonVerdict::converged;
   const std::span before = residuals.first(residuals.size() - 1);
@@ -32,8 +32,7 @@ void add_increment(const HalfBody& half, double residual, double acceptance, Ste
 double crack_mouth_opening(const Structure& structure, std::span<const double> displacement) {
   const auto& mesh = structure.mesh();
   if (mesh.mouth_left < 0 || mesh.mouth_right < 0) return 0;
-  return displacement[3 * static_cast<std::size_t>(mesh.mouth_right)] -
-         displacement[3 * static_cast<std::size_t>(mesh.mouth_left)];
+  return displacement[3 * mesh.mouth_right] - displacement[3 * mesh.mouth_left];
 }
 
 }  // namespace knothe::mechanics

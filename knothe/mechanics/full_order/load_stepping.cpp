@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/full_order/increments.hpp"
 
 namespace knothe::mechanics {
@@ -21,7 +22,7 @@ LoadStepping::LoadStepping(const Structure& structure, EquilibriumSystem& system
                            const SolverOptions& options, const DamageParameters& parameters,
                            std::span<const double> ratios)
     : structure_(structure), system_(system), options_(options), parameters_(parameters), ratios_(ratios) {
-  const auto cells = static_cast<std::size_t>(structure.mesh().cell_count());
+  const std::size_t cells = structure.mesh().cell_count();
   is_active_.assign(cells, 0);
   history_.assign(cells * k_points_per_cell, 0.0);
   committed_ = history_;
@@ -36,8 +37,8 @@ LoadStepping::LoadStepping(const Structure& structure, EquilibriumSystem& system
 
 void LoadStepping::set_active() {
   active_.clear();
-  for (std::size_t cell = 0; cell < is_active_.size(); ++cell)
-    if (is_active_[cell] != 0) active_.push_back(static_cast<std::int64_t>(cell));
+  for (Index cell = 0; cell < std::ssize(is_active_); ++cell)
+    if (is_active_[cell] != 0) active_.push_back(cell);
   system_.set_active(active_);
   const std::size_t n = system_.unknown_dofs().size();
   unknowns_.resize(n);
@@ -50,14 +51,14 @@ void LoadStepping::set_active() {
 
 void LoadStepping::gather_unknowns(std::span<const double> displacement) {
   const auto dofs = system_.unknown_dofs();
-  for (std::size_t i = 0; i < dofs.size(); ++i) unknowns_[i] = displacement[dofs[i]];
+  for (Index i = 0; i < std::ssize(dofs); ++i) unknowns_[i] = displacement[dofs[i]];
 }
 
 void LoadStepping::start_guess(double imposed, bool extrapolate) {
   const double last = state_.imposed - previous_.imposed;
   const double ratio = extrapolate && last > 0 ? (imposed - state_.imposed) / last : 0.0;
   const auto dofs = system_.unknown_dofs();
-  for (std::size_t i = 0; i < dofs.size(); ++i) {
+  for (Index i = 0; i < std::ssize(dofs); ++i) {
     const double now = state_.displacement[dofs[i]];
     unknowns_[i] = now + ratio * (now - previous_.displacement[dofs[i]]);
   }
@@ -117,7 +118,7 @@ bool LoadStepping::evaluate_cell(std::size_t index, const CellVector& u, Stiffne
 void LoadStepping::evaluate(double imposed, Stiffness stiffness) {
   std::fill(force_.begin(), force_.end(), 0.0);
   reaction_ = imposed * structure_.unit_reaction();
-  for (std::size_t index = 0; index < active_.size(); ++index) {
+  for (Index index = 0; index < std::ssize(active_); ++index) {
     const auto dofs = structure_.cell_dofs(active_[index]);
     const CellVector u = cell_displacement(imposed, index, dofs);
     CellVector force{};
@@ -149,7 +150,7 @@ bool LoadStepping::newton_iterations(double imposed, StepRecord& record) {
     if (verdict != NewtonVerdict::go_on) return verdict == NewtonVerdict::converged;
     ++record.newton_iterations;
     if (!system_.solve(matrices_, residual_, correction_)) return false;
-    for (std::size_t i = 0; i < unknowns_.size(); ++i) unknowns_[i] -= correction_[i];
+    for (Index i = 0; i < std::ssize(unknowns_); ++i) unknowns_[i] -= correction_[i];
   }
 }
 
@@ -182,7 +183,7 @@ bool LoadStepping::secant(double imposed, StepRecord& record) {
     }
     ++record.secant_iterations;
     if (!system_.solve(matrices_, residual_, correction_)) return false;
-    for (std::size_t i = 0; i < unknowns_.size(); ++i) unknowns_[i] -= correction_[i];
+    for (Index i = 0; i < std::ssize(unknowns_); ++i) unknowns_[i] -= correction_[i];
     // Cells that the growing damage loads beyond their threshold must join at once.
     if (iteration % k_before_newton == 5) {
       evaluate(imposed, Stiffness::secant);
@@ -216,7 +217,7 @@ bool LoadStepping::activate(double trigger) {
 }
 
 void LoadStepping::store_trial_damage(std::vector<double>& damage) const {
-  for (std::size_t index = 0; index < active_.size(); ++index)
+  for (Index index = 0; index < std::ssize(active_); ++index)
     std::copy_n(&trial_[k_points_per_cell * index], k_points_per_cell,
                 &damage[k_points_per_cell * active_[index]]);
 }
@@ -289,14 +290,14 @@ StepRecord LoadStepping::advance(double target) {
         commit(next, record);
         (void)activate(options_.activation);
       });
-  record.active_cells = static_cast<int>(active_.size());
+  record.active_cells = active_.size();
   record.crack_mouth_opening = crack_mouth_opening(structure_, state_.displacement);
   return record;
 }
 
 std::vector<double> LoadStepping::cell_damage() const {
   std::vector<double> mean(is_active_.size(), 0.0);
-  for (std::size_t cell = 0; cell < mean.size(); ++cell)
+  for (Index cell = 0; cell < std::ssize(mean); ++cell)
     for (int point = 0; point < k_points_per_cell; ++point)
       mean[cell] +=
           reference_damage(committed_[k_points_per_cell * cell + point], ratios_[cell]) / k_points_per_cell;

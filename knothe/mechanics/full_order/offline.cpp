@@ -5,6 +5,7 @@
 #include <map>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/mechanics/mesh/gmsh_mesh.hpp"
@@ -46,7 +47,7 @@ BeamProblem problem_at(const BeamProblem& problem, std::span<const reduction::Ax
     throw UsageError(
         fmt::format("{} parameter values were given for {} parameters", values.size(), axes.size()));
   BeamProblem result = problem;
-  for (std::size_t i = 0; i < axes.size(); ++i) {
+  for (Index i = 0; i < std::ssize(axes); ++i) {
     const std::string& name = axes[i].name;
     const double value = values[i] * axes[i].reference;
     if (name == "Y0") {

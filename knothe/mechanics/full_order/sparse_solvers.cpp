@@ -16,7 +16,7 @@ std::size_t SparseMatrix::position(int row, int wanted) const {
   const auto begin = column.begin() + row_start[row], end = column.begin() + row_start[row + 1];
   const auto found = std::lower_bound(begin, end, wanted);
   assert(found != end && *found == wanted);
-  return static_cast<std::size_t>(found - column.begin());
+  return found - column.begin();
 }
 
 void SparseMatrix::multiply(std::span<const double> x, std::span<double> out) const {
@@ -41,7 +41,7 @@ SparseMatrix coupling_pattern(int rows, std::span<const int> lists, int width) {
     std::sort(row.begin(), row.end());
     row.erase(std::unique(row.begin(), row.end()), row.end());
     matrix.column.insert(matrix.column.end(), row.begin(), row.end());
-    matrix.row_start.push_back(static_cast<int>(matrix.column.size()));
+    matrix.row_start.push_back(matrix.column.size());
   }
   matrix.value.assign(matrix.column.size(), 0.0);
   return matrix;
@@ -66,7 +66,7 @@ struct SymmetricFactor::Implementation {
 SymmetricFactor::SymmetricFactor(const SparseMatrix& matrix)
     : implementation_(std::make_unique<Implementation>()) {
   auto& [common, factor, size] = *implementation_;
-  size = static_cast<std::size_t>(matrix.rows());
+  size = matrix.rows();
   // Rows of the lower triangle are columns of the upper one: CHOLMOD is told "upper" and ignores what is
   // below.
   std::vector<int> row_start = matrix.row_start, column = matrix.column;
@@ -107,7 +107,7 @@ void SymmetricFactor::solve(std::span<double> values, int columns) const {
   assert(values.size() == size * static_cast<std::size_t>(columns));
   cholmod_dense right{};
   right.nrow = size;
-  right.ncol = static_cast<std::size_t>(columns);
+  right.ncol = columns;
   right.nzmax = values.size();
   right.d = size;
   right.x = values.data();

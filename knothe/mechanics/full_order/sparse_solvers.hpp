@@ -12,7 +12,7 @@ struct SparseMatrix {
   std::vector<int> column;
   std::vector<double> value;
 
-  [[nodiscard]] int rows() const { return static_cast<int>(row_start.size()) - 1; }
+  [[nodiscard]] int rows() const { return row_start.size() - 1; }
   /// Place of entry (row, column) in `value`; it must be in the pattern.
   [[nodiscard]] std::size_t position(int row, int column) const;
   /// out = A x.

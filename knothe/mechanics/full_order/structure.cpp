@@ -18,7 +18,7 @@ Structure::Structure(HexahedronMesh mesh, const ElasticConstants& elastic, const
 std::array<int, k_cell_dofs> Structure::cell_dofs(std::int64_t cell) const {
   std::array<int, k_cell_dofs> dofs;
   for (int c = 0; c < 3; ++c)
-    for (int a = 0; a < 8; ++a) dofs[8 * c + a] = static_cast<int>(3 * mesh_.cells[8 * cell + a] + c);
+    for (int a = 0; a < 8; ++a) dofs[8 * c + a] = 3 * mesh_.cells[8 * cell + a] + c;
   return dofs;
 }
 
@@ -30,7 +30,7 @@ CellVector Structure::gather(std::span<const double> displacement, std::int64_t 
 }
 
 void Structure::number_dofs() {
-  const auto dofs = static_cast<std::size_t>(3 * mesh_.node_count());
+  const std::size_t dofs = 3 * mesh_.node_count();
   free_index_.assign(dofs, 0);
   unit_prescribed_.assign(dofs, 0.0);
   const auto hold = [&](const NodeSet& nodes, int component) {
@@ -46,8 +46,8 @@ void Structure::number_dofs() {
   for (const auto node : mesh_.load) unit_prescribed_[3 * node + 1] = -1.0;
   for (std::size_t dof = 0; dof < dofs; ++dof)
     if (free_index_[dof] == 0) {
-      free_index_[dof] = static_cast<int>(free_dofs_.size());
-      free_dofs_.push_back(static_cast<int>(dof));
+      free_index_[dof] = free_dofs_.size();
+      free_dofs_.push_back(dof);
     }
 }
 
@@ -78,8 +78,8 @@ void Structure::assemble() {
   if (mesh_.support_stiffness == 0) return;
   for (const NodeSet* support : {&mesh_.support_left, &mesh_.support_right})
     for (const auto node : *support) {
-      const int dof = static_cast<int>(3 * node + 1), place = free_index_[dof];
-      const double share = mesh_.support_stiffness / static_cast<double>(support->size());
+      const int dof = 3 * node + 1, place = free_index_[dof];
+      const double share = mesh_.support_stiffness / support->size();
       stiffness_.value[stiffness_.position(dof, dof)] += share;
       if (place >= 0) free_stiffness_.value[free_stiffness_.position(place, place)] += share;
     }

@@ -23,8 +23,8 @@ class Structure {
   [[nodiscard]] const HexahedronMesh& mesh() const { return mesh_; }
   [[nodiscard]] const ElasticConstants& elastic() const { return elastic_; }
   [[nodiscard]] const FiniteElements& elements() const { return elements_; }
-  [[nodiscard]] int dof_count() const { return static_cast<int>(free_index_.size()); }
-  [[nodiscard]] int free_count() const { return static_cast<int>(free_dofs_.size()); }
+  [[nodiscard]] int dof_count() const { return free_index_.size(); }
+  [[nodiscard]] int free_count() const { return free_dofs_.size(); }
   /// Number of a dof among the free ones, or -1 if it is prescribed.
   [[nodiscard]] int free_index(int dof) const { return free_index_[dof]; }
   [[nodiscard]] std::span<const int> free_dofs() const { return free_dofs_; }

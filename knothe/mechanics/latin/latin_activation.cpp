@@ -2,18 +2,18 @@
 
 #include <algorithm>
 
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/latin/latin_local_stage.hpp"
 
 namespace knothe::mechanics {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 Activation find_activation(const LatinBody& body, const MatrixXd& expanded, const MatrixXd& coordinates,
                            std::span<const double> thresholds, double fraction) {
   const Index count = coordinates.cols();
-  const auto lanes = static_cast<Index>(padded_lanes(static_cast<std::size_t>(count)));
+  const Index lanes = padded_lanes(count);
   // The law with a lowered threshold and A_d = 1 / Y₀ tells what is wanted: d > 0 where Y > fraction Y₀, and
   // d / (1 - d) = Y / Y₀ - fraction.
   VectorXd threshold = VectorXd::Constant(lanes, k_never), brittleness = VectorXd::Zero(lanes);
@@ -29,9 +29,8 @@ Activation find_activation(const LatinBody& body, const MatrixXd& expanded, cons
   const MatrixXd strains = body.waiting_strains(expanded);
   Activation result;
   VectorXd largest(lanes);
-  for (std::size_t c = 0; c < body.waiting().size(); ++c) {
-    strain.topRows(count).noalias() =
-        coordinates.transpose() * strains.middleCols(k_width * static_cast<Index>(c), k_width);
+  for (Index c = 0; c < std::ssize(body.waiting()); ++c) {
+    strain.topRows(count).noalias() = coordinates.transpose() * strains.middleCols(k_width * c, k_width);
     largest.setZero();
     for (Index point = 0; point < k_points_per_cell; ++point) {
       evaluate_local_stage({static_cast<std::size_t>(lanes), threshold.data(), brittleness.data(),
@@ -42,7 +41,7 @@ Activation find_activation(const LatinBody& body, const MatrixXd& expanded, cons
     if (!(largest.maxCoeff() > 0)) continue;
     result.joining.push_back(body.waiting()[c]);
     for (Index i = 0; i < count; ++i)
-      if (largest[i] / (1 - largest[i]) > 1 - fraction) result.missed.push_back(static_cast<int>(i));
+      if (largest[i] / (1 - largest[i]) > 1 - fraction) result.missed.push_back(i);
   }
   std::sort(result.missed.begin(), result.missed.end());
   result.missed.erase(std::unique(result.missed.begin(), result.missed.end()), result.missed.end());

@@ -2,11 +2,11 @@
 
 #include <cmath>
 
+#include "knothe/base/index.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
 
 namespace knothe::mechanics {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
@@ -128,7 +128,7 @@ void LatinBasis::recompress(const MatrixXd& states, double allowed) {
   const VectorXd scale = axes.values.cwiseMax(1e-16 * axes.values[0]).cwiseSqrt();
   const MatrixXd scaled = scale.asDiagonal() * (axes.vectors.transpose() * c);
   const reduction::FallingEigenpairs pairs =
-      reduction::falling_eigenpairs(scaled * scaled.transpose() / static_cast<double>(states.cols()));
+      reduction::falling_eigenpairs(scaled * scaled.transpose() / states.cols());
   Index kept = r;
   double left_out = 0;
   while (kept > 1 && left_out + pairs.values[kept - 1] <= allowed * allowed) left_out += pairs.values[--kept];

@@ -2,6 +2,7 @@
 /// @file The space modes of LATIN-PGD and what the global stage needs of them.
 #include <Eigen/Core>
 
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/latin/latin_body.hpp"
 
 namespace knothe::mechanics {
@@ -13,8 +14,8 @@ class LatinBasis {
  public:
   explicit LatinBasis(const LatinBody& body) : body_(body) {}
 
-  [[nodiscard]] Eigen::Index archived() const { return directions_.rows(); }  ///< R
-  [[nodiscard]] Eigen::Index size() const { return directions_.cols(); }      ///< r
+  [[nodiscard]] Index archived() const { return directions_.rows(); }  ///< R
+  [[nodiscard]] Index size() const { return directions_.cols(); }      ///< r
   /// Elastic forces of the archived modes, n_a × R: their displacements anywhere follow from them.
   [[nodiscard]] const Eigen::MatrixXd& archive() const { return archive_forces_; }
   /// Elastic forces of the working modes, n_a × r.
@@ -25,9 +26,7 @@ class LatinBasis {
   /// Row packed(i, j), column g: w_g ε_i : C : ε_j, 0 ≤ j ≤ i, i ≥ 1. What damage d takes from the projected
   /// stiffness is one product with it, Σ_g d_g w_g ε_i : C : ε_j. Only the first packed(r + 1, 0) rows count.
   [[nodiscard]] const Eigen::MatrixXd& projected() const { return projected_; }
-  [[nodiscard]] static Eigen::Index packed(Eigen::Index i, Eigen::Index j) {
-    return (i - 1) * (i + 2) / 2 + j;
-  }
+  [[nodiscard]] static Index packed(Index i, Index j) { return (i - 1) * (i + 2) / 2 + j; }
 
   /// Coordinates in the archive, (R + 1) × n, from those in the working modes, and back (the nearest ones).
   [[nodiscard]] Eigen::MatrixXd to_archive(const Eigen::MatrixXd& coordinates) const;
@@ -54,7 +53,7 @@ class LatinBasis {
  private:
   void append(const Eigen::VectorXd& direction);
   void rebuild();
-  void project(Eigen::Index mode);
+  void project(Index mode);
 
   const LatinBody& body_;
   Eigen::MatrixXd archive_displacements_, archive_forces_;  ///< n_a × R

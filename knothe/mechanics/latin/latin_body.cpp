@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <array>
 
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/full_order/dense_solvers.hpp"
 
 namespace knothe::mechanics {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
@@ -28,7 +28,7 @@ void LatinBody::join(std::span<const std::int64_t> cells) {
     std::erase(waiting_, cell);
     for (const int dof : structure_->cell_dofs(cell)) {
       if (structure_->free_index(dof) >= 0 && place_[dof] < 0) {
-        place_[dof] = static_cast<int>(dofs_.size());
+        place_[dof] = dofs_.size();
         dofs_.push_back(dof);
       }
       places_.push_back(place_[dof]);
@@ -46,17 +46,16 @@ void LatinBody::join(std::span<const std::int64_t> cells) {
     flexibility_.release(place);
   }
   weights_.resize(point_count());
-  for (std::size_t c = 0; c < cells_.size(); ++c)
+  for (Index c = 0; c < std::ssize(cells_); ++c)
     for (int point = 0; point < k_points_per_cell; ++point)
-      weights_[static_cast<Index>(c) * k_points_per_cell + point] =
-          structure_->elements().weight(cells_[c], point);
+      weights_[c * k_points_per_cell + point] = structure_->elements().weight(cells_[c], point);
 }
 
 MatrixXd LatinBody::strains_of_cells(std::span<const std::int64_t> cells, std::span<const int> places,
                                      const MatrixXd& fields) const {
   const Index r = fields.cols();
-  MatrixXd result(r, 6 * k_points_per_cell * static_cast<Index>(cells.size()));
-  for (std::size_t c = 0; c < cells.size(); ++c)
+  MatrixXd result(r, 6 * k_points_per_cell * std::ssize(cells));
+  for (Index c = 0; c < std::ssize(cells); ++c)
     for (Index k = 0; k < r; ++k) {
       CellVector u;
       for (int i = 0; i < k_cell_dofs; ++i) {
@@ -65,8 +64,7 @@ MatrixXd LatinBody::strains_of_cells(std::span<const std::int64_t> cells, std::s
       }
       for (int point = 0; point < k_points_per_cell; ++point) {
         const Voigt strain = strain_at(structure_->elements().gradient(cells[c], point), u);
-        for (int i = 0; i < 6; ++i)
-          result(k, 6 * (static_cast<Index>(c) * k_points_per_cell + point) + i) = strain[i];
+        for (int i = 0; i < 6; ++i) result(k, 6 * (c * k_points_per_cell + point) + i) = strain[i];
       }
     }
   return result;
@@ -92,8 +90,8 @@ MatrixXd LatinBody::damage_forces(const MatrixXd& lost, VectorXd& reaction) cons
   MatrixXd cell_force(lanes, k_cell_dofs);
   // Component i of the force of node a: Σ_j σ_ij ∂N_a/∂x_j.
   constexpr int k_voigt[3][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}};
-  for (std::size_t c = 0; c < cells_.size(); ++c) {
-    const Index first = 6 * k_points_per_cell * static_cast<Index>(c);
+  for (Index c = 0; c < std::ssize(cells_); ++c) {
+    const Index first = 6 * k_points_per_cell * c;
     if (lost.middleCols(first, 6 * k_points_per_cell).isZero(0.0)) continue;
     cell_force.setZero();
     for (int point = 0; point < k_points_per_cell; ++point) {
@@ -108,7 +106,7 @@ MatrixXd LatinBody::damage_forces(const MatrixXd& lost, VectorXd& reaction) cons
     }
     const auto dofs = structure_->cell_dofs(cells_[c]);
     for (int i = 0; i < k_cell_dofs; ++i) {
-      const int place = places_[k_cell_dofs * c + static_cast<std::size_t>(i)];
+      const int place = places_[k_cell_dofs * c + i];
       if (place >= 0) forces.col(place) += cell_force.col(i);
       reaction -= structure_->unit_lift()[dofs[i]] * cell_force.col(i);
     }
@@ -122,11 +120,11 @@ bool LatinBody::correct(std::span<const VoigtMatrix> lost, const VectorXd& resid
   std::vector<CellMatrix> matrices;
   std::vector<std::size_t> damaged;
   std::vector<int> unknown(dofs_.size(), -1), touched;
-  for (std::size_t c = 0; c < cells_.size(); ++c) {
+  for (Index c = 0; c < std::ssize(cells_); ++c) {
     CellMatrix matrix{};
     bool any = false;
     for (int point = 0; point < k_points_per_cell; ++point) {
-      const VoigtMatrix& material = lost[k_points_per_cell * c + static_cast<std::size_t>(point)];
+      const VoigtMatrix& material = lost[k_points_per_cell * c + point];
       if (std::all_of(material.begin(), material.end(), [](double value) { return value == 0; })) continue;
       any = true;
       add_stiffness(structure_->elements().gradient(cells_[c], point), material,
@@ -136,14 +134,14 @@ bool LatinBody::correct(std::span<const VoigtMatrix> lost, const VectorXd& resid
     matrices.push_back(matrix);
     damaged.push_back(c);
     for (int i = 0; i < k_cell_dofs; ++i) {
-      const int place = places_[k_cell_dofs * c + static_cast<std::size_t>(i)];
+      const int place = places_[k_cell_dofs * c + i];
       if (place < 0 || unknown[place] >= 0) continue;
-      unknown[place] = static_cast<int>(touched.size());
+      unknown[place] = touched.size();
       touched.push_back(place);
     }
   }
   // I − G ∂q/∂v cell by cell: ∂q/∂v is sparse, and a dense product would cost three times the factorisation.
-  const auto n = static_cast<Index>(touched.size());
+  const auto n = std::ssize(touched);
   const VectorXd elastic = flexibility_matrix_ * residual;
   MatrixXd flexibility(n, n), matrix = MatrixXd::Identity(n, n), columns(n, k_cell_dofs);
   VectorXd x(n);
@@ -154,13 +152,13 @@ bool LatinBody::correct(std::span<const VoigtMatrix> lost, const VectorXd& resid
   }
   const auto unknowns_of = [&](std::size_t k) {
     std::array<int, k_cell_dofs> result{};
-    for (std::size_t i = 0; i < result.size(); ++i) {
+    for (Index i = 0; i < std::ssize(result); ++i) {
       const int place = places_[k_cell_dofs * damaged[k] + i];
       result[i] = place >= 0 ? unknown[place] : -1;
     }
     return result;
   };
-  for (std::size_t k = 0; k < damaged.size(); ++k) {
+  for (Index k = 0; k < std::ssize(damaged); ++k) {
     const auto unknowns = unknowns_of(k);
     for (int i = 0; i < k_cell_dofs; ++i) {
       if (unknowns[i] >= 0)
@@ -174,10 +172,9 @@ bool LatinBody::correct(std::span<const VoigtMatrix> lost, const VectorXd& resid
     for (int j = 0; j < k_cell_dofs; ++j)
       if (unknowns[j] >= 0) matrix.col(unknowns[j]) -= product.col(j);
   }
-  if (!solve_dense({matrix.data(), static_cast<std::size_t>(n * n)}, {x.data(), static_cast<std::size_t>(n)}))
-    return false;
+  if (!solve_dense(std::span(matrix.data(), n * n), std::span(x.data(), n))) return false;
   force = residual;
-  for (std::size_t k = 0; k < damaged.size(); ++k) {
+  for (Index k = 0; k < std::ssize(damaged); ++k) {
     const auto unknowns = unknowns_of(k);
     for (int i = 0; i < k_cell_dofs; ++i) {
       const int row = unknowns[i];
@@ -196,8 +193,7 @@ MatrixXd LatinBody::expand(const MatrixXd& forces) const {
   const Index free = structure_->free_count(), r = forces.cols();
   MatrixXd right = MatrixXd::Zero(free, r);
   for (Index i = 0; i < dof_count(); ++i) right.row(structure_->free_index(dofs_[i])) = forces.row(i);
-  if (r > 0)
-    structure_->factor().solve({right.data(), static_cast<std::size_t>(free * r)}, static_cast<int>(r));
+  if (r > 0) structure_->factor().solve(std::span(right.data(), free * r), r);
   MatrixXd result = MatrixXd::Zero(structure_->dof_count(), r);
   for (Index i = 0; i < free; ++i) result.row(structure_->free_dofs()[i]) = right.row(i);
   return result;

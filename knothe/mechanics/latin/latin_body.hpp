@@ -10,6 +10,7 @@
 #include <span>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/full_order/equilibrium_system.hpp"
 #include "knothe/mechanics/full_order/structure.hpp"
 #include "knothe/mechanics/law/regularisation.hpp"
@@ -24,10 +25,8 @@ class LatinBody {
                      const DamageRegularisationOptions& regularisation = {});
 
   [[nodiscard]] const Structure& structure() const { return *structure_; }
-  [[nodiscard]] Eigen::Index dof_count() const { return static_cast<Eigen::Index>(dofs_.size()); }
-  [[nodiscard]] Eigen::Index point_count() const {
-    return static_cast<Eigen::Index>(k_points_per_cell * cells_.size());
-  }
+  [[nodiscard]] Index dof_count() const { return std::ssize(dofs_); }
+  [[nodiscard]] Index point_count() const { return k_points_per_cell * cells_.size(); }
   [[nodiscard]] std::span<const std::int64_t> cells() const { return cells_; }
   [[nodiscard]] std::span<const int> dofs() const { return dofs_; }
   /// Cells that can be damaged and are not active.
@@ -46,7 +45,7 @@ class LatinBody {
   /// w_g: quadrature weights, m³.
   [[nodiscard]] const Eigen::VectorXd& weights() const { return weights_; }
   /// r of the cell that active point g is in (crack band, else 1).
-  [[nodiscard]] double band_ratio(Eigen::Index g) const { return ratios_[cells_[g / k_points_per_cell]]; }
+  [[nodiscard]] double band_ratio(Index g) const { return ratios_[cells_[g / k_points_per_cell]]; }
   [[nodiscard]] std::span<const double> band_ratios() const { return ratios_; }  ///< of all cells
 
   /// q of many states: `lost` is d C ε, lanes × 6 n_g; lanes × n_a. `reaction` (lanes) gets - u_lift · q over

@@ -65,9 +65,7 @@ void release_rate_derivative(const Lanes* e, const Eigenvalues& v, const Lanes& 
 
   const Lanes d = 0.5 * e[3], f = 0.5 * e[4], g = 0.5 * e[5];
   const Lanes sum = x + y, constant = alpha + gamma * x * y, linear = beta - gamma * sum;
-  const auto store = [&](int i, const Lanes& value) {
-    Output(out + static_cast<std::size_t>(i) * stride) = value;
-  };
+  const auto store = [&](int i, const Lanes& value) { Output(out + i * stride) = value; };
   store(0, constant + linear * e[0] + gamma * (e[0] * e[0] + d * d + g * g));
   store(1, constant + linear * e[1] + gamma * (e[1] * e[1] + d * d + f * f));
   store(2, constant + linear * e[2] + gamma * (e[2] * e[2] + f * f + g * g));

@@ -5,12 +5,12 @@
 #include <filesystem>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/mechanics/law/regularisation.hpp"
 
 namespace knothe::mechanics {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 
 namespace {
@@ -34,8 +34,8 @@ std::string numbers_of(const SeparatedOptions& o) {
 /// Outputs as in as_snapshots; `mouth` (1 × R) observes the crack mouth's opening in the modes.
 void add_outputs(const LatinSolution& solution, std::span<const MatrixXd> coordinates, const MatrixXd& mouth,
                  std::vector<reduction::SnapshotOutput>& outputs) {
-  for (std::size_t point = 0; point < coordinates.size(); ++point) {
-    const auto p = static_cast<Index>(point);
+  for (Index point = 0; point < std::ssize(coordinates); ++point) {
+    const Index p = point;
     const MatrixXd openings = mouth * coordinates[point];
     for (Index step = 0; step < openings.cols(); ++step) {
       outputs[0].values.push_back(solution.reaction(p, step));
@@ -106,12 +106,12 @@ LatinModel model_of(LatinSolution found, GridProblem grid) {
   // Modes: the unit lift, then those of LATIN; coordinates (R + 1) × n_t of each grid point.
   const LatinSolution& solution = model.solution;
   const Structure& structure = *grid.structure;
-  const Index dofs = structure.dof_count(), steps = static_cast<Index>(solution.coordinates.size());
+  const Index dofs = structure.dof_count(), steps = std::ssize(solution.coordinates);
   MatrixXd modes(dofs, solution.space.cols() + 1);
   modes.col(0) = Eigen::Map<const Eigen::VectorXd>(structure.unit_lift().data(), dofs);
   modes.rightCols(solution.space.cols()) = solution.space;
   std::vector<MatrixXd> coordinates(grid.parameters.size(), MatrixXd(modes.cols(), steps));
-  for (std::size_t point = 0; point < coordinates.size(); ++point)
+  for (Index point = 0; point < std::ssize(coordinates); ++point)
     for (Index step = 0; step < steps; ++step)
       coordinates[point].col(step) = solution.coordinates[step].col(point);
   MatrixXd lift = MatrixXd::Zero(modes.cols(), steps);
@@ -156,8 +156,8 @@ LatinModel solve_separated_grid(const BeamProblem& problem, const std::vector<re
 std::vector<std::pair<std::size_t, int>> inaccurate_points(const LatinSolution& solution) {
   std::vector<std::pair<std::size_t, int>> result;
   for (Index point = 0; point < solution.accepted.rows(); ++point) {
-    const auto windows = static_cast<int>((solution.accepted.row(point).array() == 0).count());
-    if (windows > 0) result.emplace_back(static_cast<std::size_t>(point), windows);
+    const int windows = (solution.accepted.row(point).array() == 0).count();
+    if (windows > 0) result.emplace_back(point, windows);
   }
   return result;
 }

@@ -3,11 +3,11 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/latin/latin_pgd.hpp"
 
 namespace knothe::mechanics {
 
-using Eigen::Index;
 using Eigen::VectorXd;
 
 void LatinOptions::validate() const {

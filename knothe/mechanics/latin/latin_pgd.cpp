@@ -11,6 +11,7 @@
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/monotonic_time.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/base/threads.hpp"
@@ -22,7 +23,6 @@
 namespace knothe::mechanics {
 namespace {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
@@ -78,7 +78,7 @@ LatinPgd::LatinPgd(std::shared_ptr<const Structure> structure, const SolverOptio
       options_(options),
       body_(std::move(structure), loading.regularisation),
       basis_(body_),
-      points_(static_cast<Index>(parameters.size())),
+      points_(std::ssize(parameters)),
       history_(points_, 0) {
   for (const DamageParameters& point : parameters_) {
     thresholds_.push_back(point.threshold);
@@ -123,7 +123,7 @@ void LatinPgd::record_stage(const std::vector<LatinStageResult>& results, LatinI
     const Index before = stored.rows(), rows = basis_.archived() + 1;
     stored.conservativeResize(rows, Eigen::NoChange);
     stored.bottomRows(rows - before).setZero();
-    const auto column = static_cast<std::size_t>(step - first_);
+    const std::size_t column = step - first_;
     for (const LatinStageResult& result : results) {
       const MatrixXd now = basis_.to_archive(result.coordinates[column]);
       for (Index i = 0; i < now.cols(); ++i) {
@@ -139,7 +139,7 @@ void LatinPgd::record_stage(const std::vector<LatinStageResult>& results, LatinI
   }
   for (const LatinStageResult& result : results) {
     solution_.local_points += result.local_points;
-    for (std::size_t i = 0; i < result.points.size(); ++i) end_.row(result.points[i]) = result.history.row(i);
+    for (Index i = 0; i < std::ssize(result.points); ++i) end_.row(result.points[i]) = result.history.row(i);
   }
   record.indicator = size > 0 ? std::sqrt(change / size) : 0;
 }
@@ -152,7 +152,7 @@ std::vector<int> LatinPgd::enrich(const std::vector<LatinStageResult>& results, 
   };
   std::vector<Lane> lanes;
   for (const LatinStageResult& result : results)
-    for (std::size_t i = 0; i < result.points.size(); ++i) {
+    for (Index i = 0; i < std::ssize(result.points); ++i) {
       const double residual = result.residual.row(i).maxCoeff();
       lanes.push_back({&result.candidates[i], result.points[i],
                        result.solved[i] == 0 || !(residual <= options_.tolerance)});
@@ -161,7 +161,7 @@ std::vector<int> LatinPgd::enrich(const std::vector<LatinStageResult>& results, 
   std::stable_sort(lanes.begin(), lanes.end(), [](const Lane& a, const Lane& b) {
     return a.candidate->elastic_error > b.candidate->elastic_error;
   });
-  const std::size_t count = std::min(lanes.size(), static_cast<std::size_t>(options_.modes_per_round));
+  const std::size_t count = std::min<std::size_t>(lanes.size(), options_.modes_per_round);
   std::vector<LatinCorrection> corrections(count);
   if (count > 0) corrections[0] = correct(body_, basis_, *lanes[0].candidate);
   // Where the worst is clearly good enough the others need not be looked at.
@@ -173,14 +173,15 @@ std::vector<int> LatinPgd::enrich(const std::vector<LatinStageResult>& results, 
   // judged by the softest.
   double softness = 1;
   std::vector<int> failing;
-  for (std::size_t k = 0; k < lanes.size(); ++k) {
+  for (Index k = 0; k < std::ssize(lanes); ++k) {
     const double elastic = lanes[k].candidate->elastic_error;
-    if (k < corrections.size() && elastic > 0) softness = std::max(softness, corrections[k].size / elastic);
-    const double error = k < corrections.size() ? corrections[k].size : softness * elastic;
+    if (k < std::ssize(corrections) && elastic > 0)
+      softness = std::max(softness, corrections[k].size / elastic);
+    const double error = k < std::ssize(corrections) ? corrections[k].size : softness * elastic;
     record.correction = std::max(record.correction, error);
     if (!(error <= options_.accuracy)) failing.push_back(lanes[k].point);
   }
-  for (std::size_t k = 0; k < corrections.size(); ++k) {
+  for (Index k = 0; k < std::ssize(corrections); ++k) {
     if (corrections[k].size <= options_.accuracy) continue;
     if (basis_.archived() >= options_.max_modes)
       throw NumericalError(
@@ -241,7 +242,7 @@ void LatinPgd::apply_prediction() {
 }
 
 void LatinPgd::solve_window() {
-  std::vector<int> all(static_cast<std::size_t>(points_));
+  std::vector<int> all(points_);
   std::iota(all.begin(), all.end(), 0);
   std::vector<int> pending = all;
   apply_prediction();
@@ -317,7 +318,7 @@ void LatinPgd::save_state() {
 }
 
 LatinSolution LatinPgd::run() {
-  Progress progress("LATIN-PGD", static_cast<std::size_t>(loading_.steps), options_.quiet);
+  Progress progress("LATIN-PGD", loading_.steps, options_.quiet);
   resume();
   for (; first_ < loading_.steps; first_ = last_) {
     note_state(first_);
@@ -328,10 +329,9 @@ LatinSolution LatinPgd::run() {
     recompress();
     const LatinIteration& now = solution_.history.back();
     progress.advance_to(
-        static_cast<std::size_t>(last_),
-        fmt::format("stage {}, {} space modes, residual {:.1e}, correction {:.2g} µm, change {:.1e}",
-                    solution_.history.size(), basis_.archived(), now.residual, 1e6 * now.correction,
-                    now.indicator));
+        last_, fmt::format("stage {}, {} space modes, residual {:.1e}, correction {:.2g} µm, change {:.1e}",
+                           solution_.history.size(), basis_.archived(), now.residual, 1e6 * now.correction,
+                           now.indicator));
     if (options_.on_window) options_.on_window(last_);
   }
   for (MatrixXd& stored : solution_.coordinates) {
@@ -340,7 +340,7 @@ LatinSolution LatinPgd::run() {
     stored.bottomRows(basis_.archived() + 1 - before).setZero();
   }
   solution_.space = body_.expand(basis_.archive());
-  solution_.active_cells = static_cast<int>(body_.cells().size());
+  solution_.active_cells = body_.cells().size();
   solution_.cpu_seconds = static_cast<double>(std::clock() - start_) / CLOCKS_PER_SEC;
   if (std::error_code ignored; !options_.state_file.empty())
     std::filesystem::remove(options_.state_file, ignored);

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/full_order/full_order_model.hpp"
 #include "knothe/mechanics/latin/latin_start.hpp"
 #include "knothe/mechanics/latin/latin_step.hpp"
@@ -70,8 +71,7 @@ struct LatinSolution {
   double cpu_seconds = 0;  ///< of this process
 
   /// Displacement of all dofs at step and parameter point.
-  [[nodiscard]] Eigen::VectorXd displacement(const Structure& structure, std::size_t step,
-                                             Eigen::Index point) const;
+  [[nodiscard]] Eigen::VectorXd displacement(const Structure& structure, std::size_t step, Index point) const;
 };
 
 /// Solves for all `parameters` together. Deterministic for any number of threads. NumericalError if

@@ -1,11 +1,11 @@
 #include "knothe/mechanics/latin/latin_prediction.hpp"
 
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/latin/latin_activation.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
 
 namespace knothe::mechanics {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 
 namespace {
@@ -21,7 +21,7 @@ MatrixXd on_active(const LatinBody& body, const MatrixXd& fields) {
 
 LatinPrediction::LatinPrediction(const LatinStart& start, const Structure& structure)
     : start_(start), forces_(start.space.rows(), start.space.cols()) {
-  const auto size = static_cast<std::size_t>(forces_.rows());
+  const std::size_t size = forces_.rows();
   for (Index k = 0; k < forces_.cols(); ++k)
     structure.stiffness().multiply(std::span(start.space.col(k).data(), size),
                                    std::span(forces_.col(k).data(), size));
@@ -47,7 +47,7 @@ MatrixXd LatinPrediction::forces(const LatinBody& body, int first, int last, dou
     gram.noalias() += values * values.transpose();
     count += values.cols();
   }
-  const reduction::FallingEigenpairs pairs = reduction::falling_eigenpairs(gram / static_cast<double>(count));
+  const reduction::FallingEigenpairs pairs = reduction::falling_eigenpairs(gram / count);
   Index kept = l;
   double left_out = 0;
   while (kept > 0 && left_out + pairs.values[kept - 1] <= allowed * allowed) left_out += pairs.values[--kept];

@@ -9,6 +9,7 @@
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/monotonic_time.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/mechanics/latin/latin_activation.hpp"
@@ -21,7 +22,6 @@
 namespace knothe::mechanics {
 namespace {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
@@ -44,7 +44,7 @@ class LatinSeparated {
   [[nodiscard]] double cpu_seconds() const {
     return static_cast<double>(std::clock() - start_) / CLOCKS_PER_SEC;
   }
-  [[nodiscard]] int steps() const { return static_cast<int>(terms_.time.rows()); }
+  [[nodiscard]] int steps() const { return terms_.time.rows(); }
   void begin();
   /// Goes on from the state file, if there is one of this run.
   bool resume();
@@ -92,11 +92,11 @@ LatinSeparated::LatinSeparated(std::shared_ptr<const Structure> structure, const
       basis_(body_),
       relaxation_(options.relaxation) {
   for (const reduction::Axis& axis : axes) {
-    grid_.sizes.push_back(static_cast<Index>(axis.nodes.size()));
+    grid_.sizes.push_back(std::ssize(axis.nodes));
     grid_.weights.push_back(reduction::trapezoid_weights(axis.nodes));
     terms_.parameters.emplace_back(grid_.sizes.back(), 0);
   }
-  if (grid_.points() != static_cast<Index>(parameters_.size()))
+  if (grid_.points() != std::ssize(parameters_))
     throw UsageError(fmt::format("LATIN-PGD: the axes have {} grid points, and {} parameter points are given",
                                  grid_.points(), parameters_.size()));
   for (const DamageParameters& point : parameters_) {
@@ -201,7 +201,7 @@ void LatinSeparated::record_stage(const SeparatedStageResult& result, double cor
   LatinSolution& solution = result_.solution;
   solution.residual.leftCols(steps()) = result.residual;
   solution.reaction.leftCols(steps()) = result.reaction;
-  solution.local_points += static_cast<long>(grid_.points()) * steps() * body_.point_count();
+  solution.local_points += grid_.points() * steps() * body_.point_count();
   energy_error_ = result.energy_error;
   result_.history.push_back({steps(), round, static_cast<int>(terms_.count()),
                              static_cast<int>(basis_.size()), result.energy_error, result.residual.maxCoeff(),
@@ -223,7 +223,7 @@ bool LatinSeparated::is_accurate() {
 /// Relative change from `before` (of fewer modes, perhaps) to `now`.
 double change(const std::vector<MatrixXd>& before, const std::vector<MatrixXd>& now) {
   double difference = 0, size = 0;
-  for (std::size_t t = 0; t < now.size(); ++t) {
+  for (Index t = 0; t < std::ssize(now); ++t) {
     const Index known = before[t].rows();
     difference += (now[t].topRows(known) - before[t]).squaredNorm() +
                   now[t].bottomRows(now[t].rows() - known).squaredNorm();
@@ -317,7 +317,7 @@ SeparatedSolution LatinSeparated::run() {
   for (int step = 0; step < loading_.steps; ++step)  // before anything is damaged
     solution.reaction.col(step).setConstant(2 * body_.structure().unit_reaction() * loading_.displacement *
                                             (step + 1) / loading_.steps);
-  Progress progress("LATIN-PGD, fully separated", static_cast<std::size_t>(loading_.steps), options_.quiet);
+  Progress progress("LATIN-PGD, fully separated", loading_.steps, options_.quiet);
   if (!resume()) begin();
   bool accurate = true;
   do {
@@ -335,14 +335,14 @@ SeparatedSolution LatinSeparated::run() {
     if (result_.history.empty()) continue;
     const SeparatedIteration& now = result_.history.back();
     progress.advance_to(
-        static_cast<std::size_t>(steps()),
+        steps(),
         fmt::format("stage {}, {} terms, residual {:.1e}, correction {:.2g} µm, change {:.1e}",
                     result_.history.size(), now.terms, now.residual, 1e6 * now.correction, now.indicator));
   } while (steps() < loading_.steps);
   solution.accepted = Eigen::MatrixXi::Constant(grid_.points(), 1, accurate ? 1 : 0);
   solution.space = body_.expand(basis_.forces());
   solution.coordinates = stage().states();
-  solution.active_cells = static_cast<int>(body_.cells().size());
+  solution.active_cells = body_.cells().size();
   solution.cpu_seconds = cpu_seconds();
   if (std::error_code ignored; !options_.state_file.empty())
     std::filesystem::remove(options_.state_file, ignored);

@@ -4,11 +4,11 @@
 #include <cmath>
 #include <numeric>
 
+#include "knothe/base/index.hpp"
 #include "knothe/base/threads.hpp"
 
 namespace knothe::mechanics {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
@@ -56,8 +56,7 @@ void LatinSeparatedStage::march(const Visit& visit) const {
     LaneBatch lanes = make_batch(b);
     LatinLocalResult local(body, basis);
     for (int step = 0; step < steps(); ++step) {
-      const MatrixXd coordinates =
-          all[step].middleCols(static_cast<Index>(b * k_lanes_of_a_batch), lanes.size());
+      const MatrixXd coordinates = all[step].middleCols(b * k_lanes_of_a_batch, lanes.size());
       local.evaluate(lanes, coordinates, false);
       visit(b, step, lanes, coordinates, local);
       lanes.history = local.damage();
@@ -69,8 +68,8 @@ SeparatedStageResult LatinSeparatedStage::run() const {
   const Index r = basis.size(), points = grid.points();
   SeparatedStageResult result;
   result.projection.weights = grid.point_weights();
-  result.projection.stiffness.assign(static_cast<std::size_t>(steps()), MatrixXd(r * r, points));
-  result.projection.load.assign(static_cast<std::size_t>(steps()), MatrixXd(r, points));
+  result.projection.stiffness.assign(steps(), MatrixXd(r * r, points));
+  result.projection.load.assign(steps(), MatrixXd(r, points));
   result.residual = result.reaction = MatrixXd::Zero(points, steps());
   const double unit_reaction = body.structure().unit_reaction();
   std::vector<BatchSums> sums(batches());
@@ -82,7 +81,7 @@ SeparatedStageResult LatinSeparatedStage::run() const {
     reaction += unit_reaction * c.row(0).transpose();
     if (r > 0) forces.noalias() += c.bottomRows(r).transpose() * basis.forces().transpose();
     const MatrixXd elastic = forces * body.flexibility();
-    const auto t = static_cast<std::size_t>(step);
+    const std::size_t t = step;
     for (Index i = 0; i < lanes.size(); ++i) {
       const Index p = lanes.points[i];
       const MatrixXd stiffness = local.stiffness(i, SearchDirection::secant);
@@ -119,7 +118,7 @@ WorstCorrection LatinSeparatedStage::correct_worst(const std::vector<LatinCandid
   });
   std::size_t largest = 0;
   double softness = 1;
-  for (std::size_t k = 0; k < corrections.size(); ++k) {
+  for (Index k = 0; k < std::ssize(corrections); ++k) {
     if (worst[k].elastic_error > 0)
       softness = std::max(softness, corrections[k].size / worst[k].elastic_error);
     if (corrections[k].size > corrections[largest].size) largest = k;
@@ -188,7 +187,7 @@ bool LatinSeparatedStage::solve_space(const MatrixXd& values, NewTerm& term) con
   VectorXd rest = body.damage_forces(lost[0], unused).row(0).transpose();
   if (r > 0) rest -= basis.forces() * states[0];
   const ElasticConstants& elastic = body.structure().elastic();
-  std::vector<VoigtMatrix> material(static_cast<std::size_t>(n_g));
+  std::vector<VoigtMatrix> material(n_g);
   for (Index g = 0; g < n_g; ++g) {
     const double d = damage[0][g] / all;
     VoigtMatrix& matrix = material[g];

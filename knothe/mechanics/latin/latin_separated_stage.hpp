@@ -45,7 +45,7 @@ struct LatinSeparatedStage {
   int all_steps = 0;        ///< of the loading
   std::size_t threads = 0;
 
-  [[nodiscard]] int steps() const { return static_cast<int>(terms.time.rows()); }
+  [[nodiscard]] int steps() const { return terms.time.rows(); }
   [[nodiscard]] double imposed(int step) const { return displacement * (step + 1) / all_steps; }
   /// (τ, c) at all points, (R + 1) × P, for each step.
   [[nodiscard]] std::vector<Eigen::MatrixXd> states() const;

@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <limits>
 
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/full_order/dense_solvers.hpp"
 #include "knothe/reduction/compress/cp_als.hpp"
 
 namespace knothe::mechanics {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
@@ -21,17 +21,17 @@ reduction::CoreTensor tensor_of(std::span<const MatrixXd> coordinates, const Lat
   const Index points = grid.points();
   const VectorXd roots = grid.point_weights().cwiseSqrt();
   reduction::CoreTensor tensor;
-  tensor.unfolded.resize(coordinates.front().rows(), points * static_cast<Index>(coordinates.size()));
-  for (std::size_t t = 0; t < coordinates.size(); ++t)
-    tensor.unfolded.middleCols(points * static_cast<Index>(t), points) = coordinates[t] * roots.asDiagonal();
-  tensor.others.push_back(static_cast<Index>(coordinates.size()));
+  tensor.unfolded.resize(coordinates.front().rows(), points * std::ssize(coordinates));
+  for (Index t = 0; t < std::ssize(coordinates); ++t)
+    tensor.unfolded.middleCols(points * t, points) = coordinates[t] * roots.asDiagonal();
+  tensor.others.push_back(std::ssize(coordinates));
   tensor.others.insert(tensor.others.end(), grid.sizes.begin(), grid.sizes.end());
   return tensor;
 }
 
 LatinTerms terms_of(const reduction::CpFactors& cp, const LatinGrid& grid) {
   LatinTerms terms{cp.factors[0], cp.factors[1], {}};
-  for (std::size_t axis = 0; axis < grid.sizes.size(); ++axis)
+  for (Index axis = 0; axis < std::ssize(grid.sizes); ++axis)
     terms.parameters.emplace_back(grid.weights[axis].cwiseSqrt().cwiseInverse().asDiagonal() *
                                   cp.factors[axis + 2]);
   terms.normalise();
@@ -41,7 +41,7 @@ LatinTerms terms_of(const reduction::CpFactors& cp, const LatinGrid& grid) {
 reduction::CpFactors factors_of(const LatinTerms& terms, const LatinGrid& grid) {
   reduction::CpFactors cp;
   cp.factors = {terms.space, terms.time};
-  for (std::size_t axis = 0; axis < grid.sizes.size(); ++axis)
+  for (Index axis = 0; axis < std::ssize(grid.sizes); ++axis)
     cp.factors.emplace_back(grid.weights[axis].cwiseSqrt().asDiagonal() * terms.parameters[axis]);
   return cp;
 }
@@ -55,16 +55,14 @@ void leave_out_cheapest(std::vector<MatrixXd>& factors) {
   Index gone = 0;
   std::size_t taking = 0;
   VectorXd share = VectorXd::Zero(m);
-  for (std::size_t f = 0; f < factors.size(); ++f) {
+  for (Index f = 0; f < std::ssize(factors); ++f) {
     MatrixXd inverse = MatrixXd::Ones(m, m);
-    for (std::size_t other = 0; other < factors.size(); ++other)
+    for (Index other = 0; other < std::ssize(factors); ++other)
       if (other != f) inverse.array() *= (factors[other].transpose() * factors[other]).array();
     const VectorXd scale = inverse.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
     inverse = (scale.asDiagonal() * inverse * scale.asDiagonal()).eval();
     inverse.diagonal().array() += 1e-10;  // terms may be the same
-    if (!invert_positive_definite({inverse.data(), static_cast<std::size_t>(inverse.size())},
-                                  static_cast<int>(m)))
-      continue;
+    if (!invert_positive_definite(std::span(inverse.data(), inverse.size()), m)) continue;
     for (Index k = 0; k < m; ++k) {
       const double cost = factors[f].col(k).squaredNorm() / (inverse(k, k) * scale[k] * scale[k]);
       if (!(cost < least)) continue;
@@ -90,8 +88,7 @@ LatinTerms separate(std::span<const MatrixXd> coordinates, const LatinGrid& grid
   const double size = tensor.unfolded.norm();
   reduction::CpFactors cp;
   for (Index k = 0; k < most; ++k) {
-    cp = reduction::als(tensor, reduction::with_one_more_mode(tensor, cp, static_cast<std::uint64_t>(k) + 1),
-                        k_sweeps_for_growth);
+    cp = reduction::als(tensor, reduction::with_one_more_mode(tensor, cp, k + 1), k_sweeps_for_growth);
     if (cp.error <= tolerance * size) break;
   }
   return terms_of(reduction::als(tensor, std::move(cp), k_sweeps_at_end), grid);

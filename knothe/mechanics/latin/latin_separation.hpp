@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <span>
 
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/latin/latin_terms.hpp"
 
 namespace knothe::mechanics {
@@ -11,11 +12,11 @@ namespace knothe::mechanics {
 /// Terms for c(t, p), one R × P matrix for each step: as many, grown one by one, as leave less than the
 /// fraction `tolerance` of √(Σ w cᵀc), or `most`.
 [[nodiscard]] LatinTerms separate(std::span<const Eigen::MatrixXd> coordinates, const LatinGrid& grid,
-                                  Eigen::Index most, double tolerance);
+                                  Index most, double tolerance);
 
 /// Recompression: the smallest terms are left out, and what they did is given to the others, as long as the
 /// whole changes by less than the fraction `allowed` or there are more than `most`.
-[[nodiscard]] LatinTerms with_fewer_terms(const LatinTerms& terms, const LatinGrid& grid, Eigen::Index most,
+[[nodiscard]] LatinTerms with_fewer_terms(const LatinTerms& terms, const LatinGrid& grid, Index most,
                                           double allowed);
 
 }  // namespace knothe::mechanics

@@ -3,9 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::mechanics {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
@@ -24,11 +25,10 @@ LatinCorrection correct(const LatinBody& body, const LatinBasis& basis, const La
 
 /// Working coordinates of the batch's points at a step before, in this window or not.
 MatrixXd LatinStage::states(int step, const LatinStageResult& result) const {
-  if (step < 0) return MatrixXd::Zero(basis.size() + 1, static_cast<Index>(result.points.size()));
-  if (step >= first && step - first < static_cast<int>(result.coordinates.size()))
-    return result.coordinates[step - first];
+  if (step < 0) return MatrixXd::Zero(basis.size() + 1, std::ssize(result.points));
+  if (step >= first && step - first < std::ssize(result.coordinates)) return result.coordinates[step - first];
   const MatrixXd& all = found[step];
-  MatrixXd mine(all.rows(), static_cast<Index>(result.points.size()));
+  MatrixXd mine(all.rows(), std::ssize(result.points));
   for (Index i = 0; i < mine.cols(); ++i) mine.col(i) = all.col(result.points[i]);
   return basis.to_working(mine);
 }
@@ -78,7 +78,7 @@ void LatinStage::retry(LatinStep& stepper, LaneBatch& batch, int step, MatrixXd&
     if (converged[i] == 0) failed.push_back(i);
   if (failed.empty()) return;
   const MatrixXd before = states(step - 1, result);
-  const auto count = static_cast<Index>(failed.size());
+  const auto count = std::ssize(failed);
   const LaneBatch part = batch.only(failed);
   MatrixXd start(before.rows(), count), end(before.rows(), count), end_damage(part.padded(), damage.cols());
   for (Index k = 0; k < count; ++k) {

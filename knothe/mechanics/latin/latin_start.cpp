@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
 #include "knothe/reduction/model/model_matrices.hpp"
@@ -15,7 +16,6 @@
 namespace knothe::mechanics {
 namespace {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
@@ -32,7 +32,7 @@ void check_start(const reduction::ModelContents& model, const std::string& where
   if (model.dofs.components != here.components)
     refuse(fmt::format("it is of another mesh ({} dofs where there are {})", model.dof_count(),
                        here.components.size()));
-  for (std::size_t i = 0; i < here.points.size(); ++i)
+  for (Index i = 0; i < std::ssize(here.points); ++i)
     if (!(std::abs(model.dofs.points[i] - here.points[i]) < 1e-9))
       refuse(fmt::format("it is of another mesh (dof {} is elsewhere)", i / 3));
   const std::vector<double> time = model_time(problem.solver);
@@ -53,8 +53,8 @@ void check_start(const reduction::ModelContents& model, const std::string& where
 
 /// The point of the model's box that is nearest to the damage parameters.
 VectorXd nearest_point(const std::vector<reduction::Axis>& axes, const DamageParameters& parameters) {
-  VectorXd point(static_cast<Index>(axes.size()));
-  for (std::size_t i = 0; i < axes.size(); ++i) {
+  VectorXd point(std::ssize(axes));
+  for (Index i = 0; i < std::ssize(axes); ++i) {
     const double value = axes[i].name == "Y0" ? parameters.threshold : parameters.brittleness;
     point[i] = std::clamp(value / axes[i].reference, axes[i].nodes.front(), axes[i].nodes.back());
   }
@@ -70,11 +70,10 @@ LatinStart start_from(const reduction::SeparatedModel& model, const BeamProblem&
 
   reduction::Snapshots grid;
   grid.axes = axes;
-  const auto points = static_cast<Index>(grid.grid_size());
-  MatrixXd places(points, static_cast<Index>(contents.axes.size()));
+  const Index points = grid.grid_size();
+  MatrixXd places(points, std::ssize(contents.axes));
   for (Index p = 0; p < points; ++p)
-    places.row(p) = nearest_point(
-        contents.axes, damage_parameters(problem, axes, grid.parameters_at(static_cast<std::size_t>(p))));
+    places.row(p) = nearest_point(contents.axes, damage_parameters(problem, axes, grid.parameters_at(p)));
   reduction::FunctionBatch functions;
   functions.resize(points, model.functions()->dimension(), model.functions()->count(), 0);
   model.functions()->evaluate(places, 0, functions);
@@ -83,7 +82,7 @@ LatinStart start_from(const reduction::SeparatedModel& model, const BeamProblem&
   LatinStart start;
   start.space = reduction::orthonormal_basis(reduction::space_of(contents));
   const MatrixXd change = start.space.transpose() * reduction::space_of(contents);
-  for (std::size_t step = 0; step < contents.time.size(); ++step)
+  for (Index step = 0; step < std::ssize(contents.time); ++step)
     start.coordinates.emplace_back(change * reduction::core_of(contents, step) * functions.value.transpose());
   return start;
 }
@@ -92,7 +91,7 @@ std::uint64_t fingerprint(const LatinStart& start) {
   std::uint64_t result = 0;
   const auto mix = [&](const MatrixXd& matrix) {
     const std::string_view bytes(reinterpret_cast<const char*>(matrix.data()),
-                                 sizeof(double) * static_cast<std::size_t>(matrix.size()));
+                                 sizeof(double) * matrix.size());
     result = 31 * result + fnv1a(bytes);
   };
   mix(start.space);

@@ -8,13 +8,13 @@
 #include <type_traits>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/hdf5.hpp"
 
 namespace knothe::mechanics {
 namespace {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 
 /// Numbers of a global stage, in the order of the file.
@@ -30,21 +30,19 @@ auto numbers_of(SeparatedIteration& it) {
 struct Saver {
   files::Hdf5Writer& file;
 
-  void number(const char* name, auto value) const {
-    file.number_attribute("/", name, static_cast<double>(value));
-  }
+  void number(const char* name, auto value) const { file.number_attribute("/", name, value); }
   /// Sizes apart from values: a matrix may be empty.
   void matrix(const std::string& name, const MatrixXd& matrix) const {
     const std::vector<std::int64_t> sizes = {matrix.rows(), matrix.cols()};
     file.write_integers(name + "/size", sizes, {2}, {"1", "rows, columns"});
     if (matrix.size() == 0) return;
-    file.write(name + "/values", std::span(matrix.data(), static_cast<std::size_t>(matrix.size())),
+    file.write(name + "/values", std::span(matrix.data(), matrix.size()),
                {static_cast<std::size_t>(matrix.cols()), static_cast<std::size_t>(matrix.rows())},
                {"1", "by columns"});
   }
   void matrices(const std::string& name, const char* count, const std::vector<MatrixXd>& all) const {
     number(count, all.size());
-    for (std::size_t k = 0; k < all.size(); ++k) matrix(fmt::format("{}/{}", name, k), all[k]);
+    for (Index k = 0; k < std::ssize(all); ++k) matrix(fmt::format("{}/{}", name, k), all[k]);
   }
   void whole(const std::string& name, const Eigen::MatrixXi& numbers) const {
     matrix(name, numbers.cast<double>());
@@ -54,7 +52,7 @@ struct Saver {
   }
   template <class Iteration>
   void history(std::vector<Iteration> history) const {
-    MatrixXd table(10, static_cast<Index>(history.size()));
+    MatrixXd table(10, std::ssize(history));
     double* to = table.data();
     for (Iteration& it : history)
       std::apply([&](auto... number) { ((*to++ = number), ...); }, numbers_of(it));
@@ -78,8 +76,8 @@ struct Loader {
     std::copy(values.begin(), values.end(), matrix.data());
   }
   void matrices(const std::string& name, const char* count, std::vector<MatrixXd>& all) const {
-    all.resize(static_cast<std::size_t>(file.number_attribute("/", count)));
-    for (std::size_t k = 0; k < all.size(); ++k) matrix(fmt::format("{}/{}", name, k), all[k]);
+    all.resize(file.number_attribute("/", count));
+    for (Index k = 0; k < std::ssize(all); ++k) matrix(fmt::format("{}/{}", name, k), all[k]);
   }
   void whole(const std::string& name, Eigen::MatrixXi& numbers) const {
     MatrixXd values;
@@ -94,7 +92,7 @@ struct Loader {
     MatrixXd table;
     matrix("/stages", table);
     if (table.rows() != 10) throw DataError("/stages: not ten numbers each");
-    history.resize(static_cast<std::size_t>(table.cols()));
+    history.resize(table.cols());
     const double* from = table.data();
     for (Iteration& it : history)
       std::apply([&](auto&... n) { ((n = static_cast<std::decay_t<decltype(n)>>(*from++)), ...); },

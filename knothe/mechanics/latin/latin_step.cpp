@@ -4,12 +4,12 @@
 #include <cmath>
 #include <limits>
 
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/full_order/dense_solvers.hpp"
 #include "knothe/mechanics/full_order/increments.hpp"
 
 namespace knothe::mechanics {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
@@ -17,8 +17,7 @@ namespace {
 
 /// x = matrix⁻¹ x, false if singular or not finite.
 bool solve_in_place(MatrixXd matrix, VectorXd& x) {
-  return solve_dense({matrix.data(), static_cast<std::size_t>(matrix.size())},
-                     {x.data(), static_cast<std::size_t>(x.size())});
+  return solve_dense(std::span(matrix.data(), matrix.size()), std::span(x.data(), x.size()));
 }
 
 }  // namespace
@@ -31,7 +30,7 @@ LaneBatch make_lanes(std::span<const int> points, std::span<const DamageParamete
   batch.brittleness = VectorXd::Zero(batch.padded());
   batch.history = MatrixXd::Zero(batch.padded(), gauss_points);
   for (Index i = 0; i < batch.size(); ++i) {
-    const auto point = static_cast<std::size_t>(batch.points[i]);
+    const std::size_t point = batch.points[i];
     batch.threshold[i] = parameters[point].threshold;
     batch.brittleness[i] = parameters[point].brittleness;
   }
@@ -79,7 +78,7 @@ void LatinLocalResult::project() {
   std::vector<Index> damaged;
   for (Index g = 0; g < damage_.cols(); ++g)
     if ((damage_.col(g).array() > 0.0).any()) damaged.push_back(g);
-  const Index rows = LatinBasis::packed(basis_.size() + 1, 0), count = static_cast<Index>(damaged.size());
+  const Index rows = LatinBasis::packed(basis_.size() + 1, 0), count = std::ssize(damaged);
   gathered_.resize(rows, count);
   gathered_damage_.resize(damage_.rows(), count);
   for (Index k = 0; k < count; ++k) {
@@ -123,7 +122,7 @@ MatrixXd LatinLocalResult::stiffness(Index lane, SearchDirection direction) cons
   for (Index g = 0; g < slope_.cols(); ++g)
     if (slope_(lane, g) > 0) growing.push_back(g);
   if (growing.empty()) return matrix;
-  const auto n = static_cast<Index>(growing.size());
+  const auto n = std::ssize(growing);
   const double lambda = body_.structure().elastic().lambda(), mu = body_.structure().elastic().mu();
   MatrixXd stress(r, n), rate(r, n);
   for (Index k = 0; k < n; ++k) {
@@ -160,7 +159,7 @@ MatrixXd LatinLocalResult::lost_stress(Index lanes) const {
 
 std::vector<VoigtMatrix> LatinLocalResult::lost_material(Index lane, SearchDirection direction) const {
   const double lambda = body_.structure().elastic().lambda(), mu = body_.structure().elastic().mu();
-  std::vector<VoigtMatrix> result(static_cast<std::size_t>(damage_.cols()));
+  std::vector<VoigtMatrix> result(damage_.cols());
   if (direction == SearchDirection::elastic) return result;
   for (Index g = 0; g < damage_.cols(); ++g) {
     VoigtMatrix& lost = result[g];
@@ -173,7 +172,7 @@ std::vector<VoigtMatrix> LatinLocalResult::lost_material(Index lane, SearchDirec
     const Voigt effective = elastic_stress(strain(lane, g), lambda, mu);
     for (std::size_t i = 0; i < 6; ++i)
       for (std::size_t j = 0; j < 6; ++j)
-        lost[6 * i + j] += slope_(lane, g) * effective[i] * derivative_(lane, 6 * g + static_cast<Index>(j));
+        lost[6 * i + j] += slope_(lane, g) * effective[i] * derivative_(lane, 6 * g + j);
   }
   return result;
 }
@@ -190,11 +189,11 @@ std::vector<char> LatinStep::solve(const LaneBatch& batch, MatrixXd& coordinates
   MatrixXd trial = coordinates;
   for (int iteration = 0; iteration <= options_.iterations && !alive.empty(); ++iteration) {
     local_.evaluate(working, trial, options_.direction == SearchDirection::tangent);
-    points_evaluated_ += static_cast<long>(working.size() * damage.cols());
+    points_evaluated_ += working.size() * damage.cols();
     local_.project();
     std::vector<Index> kept;  // positions in `working`
     for (Index i = 0; i < working.size(); ++i) {
-      const auto lane = static_cast<std::size_t>(alive[i]);
+      const std::size_t lane = alive[i];
       VectorXd g = local_.residual(i, trial);
       const double size = g.norm(), scale = trial.col(i).tail(r).norm();
       const bool finite = std::isfinite(size);
@@ -212,10 +211,10 @@ std::vector<char> LatinStep::solve(const LaneBatch& batch, MatrixXd& coordinates
       trial.col(i).tail(r) -= g;
       kept.push_back(i);
     }
-    if (static_cast<Index>(kept.size()) == working.size()) continue;
-    MatrixXd rest(r + 1, static_cast<Index>(kept.size()));
+    if (std::ssize(kept) == working.size()) continue;
+    MatrixXd rest(r + 1, std::ssize(kept));
     std::vector<Index> still;
-    for (std::size_t k = 0; k < kept.size(); ++k) {
+    for (Index k = 0; k < std::ssize(kept); ++k) {
       rest.col(k) = trial.col(kept[k]);
       still.push_back(alive[kept[k]]);
     }
@@ -238,7 +237,7 @@ std::vector<char> LatinStep::solve_from(const LaneBatch& batch, const MatrixXd& 
   trial.row(0) = coordinates.row(0);
   for (int iteration = 1; iteration <= options_.warm_up && !alive.empty(); ++iteration) {
     local_.evaluate(working, trial, false);
-    points_evaluated_ += static_cast<long>(working.size() * damage.cols());
+    points_evaluated_ += working.size() * damage.cols();
     local_.project();
     for (Index i = 0; i < working.size(); ++i) {
       VectorXd g = local_.residual(i, trial);
@@ -260,8 +259,8 @@ std::vector<char> LatinStep::solve_from(const LaneBatch& batch, const MatrixXd& 
         still.push_back(lane);
       }
     }
-    MatrixXd rest(r + 1, static_cast<Index>(kept.size()));
-    for (std::size_t k = 0; k < kept.size(); ++k) rest.col(k) = trial.col(kept[k]);
+    MatrixXd rest(r + 1, std::ssize(kept));
+    for (Index k = 0; k < std::ssize(kept); ++k) rest.col(k) = trial.col(kept[k]);
     working = working.only(kept);
     trial = std::move(rest);
     alive = std::move(still);
@@ -274,7 +273,7 @@ bool LatinStep::secant(LaneBatch& lane, MatrixXd& coordinates, MatrixXd& damage)
   const Index r = basis_.size();
   for (int iteration = 1; iteration <= options_.secant_iterations; ++iteration) {
     local_.evaluate(lane, coordinates, false);
-    points_evaluated_ += static_cast<long>(damage.cols());
+    points_evaluated_ += damage.cols();
     lane.history = local_.damage();  // damage that any iterate reaches stays: the sequence is monotone
     local_.project();
     VectorXd g = local_.residual(0, coordinates);

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/mechanics/latin/latin_basis.hpp"
 #include "knothe/mechanics/latin/latin_local_stage.hpp"
 
@@ -23,10 +24,10 @@ struct LaneBatch {
   Eigen::VectorXd threshold, brittleness;  ///< padded
   Eigen::MatrixXd history;                 ///< padded × n_g: damage before the step
 
-  [[nodiscard]] Eigen::Index size() const { return static_cast<Eigen::Index>(points.size()); }
-  [[nodiscard]] Eigen::Index padded() const { return static_cast<Eigen::Index>(padded_lanes(points.size())); }
+  [[nodiscard]] Index size() const { return std::ssize(points); }
+  [[nodiscard]] Index padded() const { return padded_lanes(points.size()); }
   /// The lanes `kept` (positions in this batch) alone.
-  [[nodiscard]] LaneBatch only(const std::vector<Eigen::Index>& kept) const;
+  [[nodiscard]] LaneBatch only(const std::vector<Index>& kept) const;
 };
 
 /// Lanes of a batch: fixed, so that results do not depend on the threads.
@@ -34,7 +35,7 @@ inline constexpr std::size_t k_lanes_of_a_batch = 32;
 
 /// Undamaged lanes of these grid points; `parameters` of all points.
 [[nodiscard]] LaneBatch make_lanes(std::span<const int> points, std::span<const DamageParameters> parameters,
-                                   Eigen::Index gauss_points);
+                                   Index gauss_points);
 
 /// Local stage and projected equations at given coordinates.
 class LatinLocalResult {
@@ -46,17 +47,17 @@ class LatinLocalResult {
   /// What damage takes from the projected stiffness: packed × L.
   void project();
   /// Projected residual of lane: c - Σ_g d_g w_g ε : C : ε, r.
-  [[nodiscard]] Eigen::VectorXd residual(Eigen::Index lane, const Eigen::MatrixXd& coordinates) const;
+  [[nodiscard]] Eigen::VectorXd residual(Index lane, const Eigen::MatrixXd& coordinates) const;
   /// Projected stiffness in a search direction, r × r.
-  [[nodiscard]] Eigen::MatrixXd stiffness(Eigen::Index lane, SearchDirection direction) const;
+  [[nodiscard]] Eigen::MatrixXd stiffness(Index lane, SearchDirection direction) const;
   /// d C ε of all lanes, L × 6 n_g.
-  [[nodiscard]] Eigen::MatrixXd lost_stress(Eigen::Index lanes) const;
+  [[nodiscard]] Eigen::MatrixXd lost_stress(Index lanes) const;
   /// ∂(d C ε)/∂ε at the points of one lane.
-  [[nodiscard]] std::vector<VoigtMatrix> lost_material(Eigen::Index lane, SearchDirection direction) const;
+  [[nodiscard]] std::vector<VoigtMatrix> lost_material(Index lane, SearchDirection direction) const;
   [[nodiscard]] const Eigen::MatrixXd& damage() const { return damage_; }  ///< padded × n_g
 
  private:
-  [[nodiscard]] Voigt strain(Eigen::Index lane, Eigen::Index point) const;
+  [[nodiscard]] Voigt strain(Index lane, Index point) const;
 
   const LatinBody& body_;
   const LatinBasis& basis_;

@@ -2,12 +2,12 @@
 
 #include <cmath>
 
+#include "knothe/base/index.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/mechanics/full_order/dense_solvers.hpp"
 
 namespace knothe::mechanics {
 
-using Eigen::Index;
 using Eigen::Map;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
@@ -20,9 +20,7 @@ VectorXd solve(MatrixXd matrix, const VectorXd& right_side) {
   const double ridge = 1e-9 * matrix.diagonal().cwiseAbs().maxCoeff() + 1e-300;
   matrix.diagonal().array() += ridge;
   VectorXd x = right_side;
-  if (!solve_dense({matrix.data(), static_cast<std::size_t>(matrix.size())},
-                   {x.data(), static_cast<std::size_t>(x.size())}))
-    x.setZero();
+  if (!solve_dense(std::span(matrix.data(), matrix.size()), std::span(x.data(), x.size()))) x.setZero();
   return x;
 }
 
@@ -79,13 +77,13 @@ void update_axis(const TermProjection& problem, const VectorXd& weights, LatinTe
   const std::vector<Index> nodes = LatinGrid{terms.sizes(), {}}.nodes(axis);
   const Index m = terms.count();
   MatrixXd& mine = terms.parameters[axis];
-  parallel_for(static_cast<std::size_t>(mine.rows()), threads, [&](std::size_t node) {
+  parallel_for(mine.rows(), threads, [&](Index node) {
     MatrixXd matrix = MatrixXd::Zero(m, m);
     VectorXd right_side = VectorXd::Zero(m);
     const VectorXd now = mine.row(node);
     for (Index p = 0; p < weights.size(); ++p) {
-      if (nodes[p] != static_cast<Index>(node)) continue;
-      for (std::size_t t = 0; t < problem.stiffness.size(); ++t)
+      if (nodes[p] != node) continue;
+      for (Index t = 0; t < std::ssize(problem.stiffness); ++t)
         add(problem, t, p, weights[p], others.row(p).cwiseProduct(terms.time.row(t)).transpose(), now, matrix,
             right_side);
     }
@@ -124,10 +122,10 @@ std::vector<Index> LatinTerms::sizes() const {
   return result;
 }
 
-MatrixXd LatinTerms::on_grid(std::size_t left_out) const {
+MatrixXd LatinTerms::on_grid(Index left_out) const {
   const LatinGrid grid{sizes(), {}};
   MatrixXd result = MatrixXd::Ones(grid.points(), count());
-  for (std::size_t i = 0; i < parameters.size(); ++i) {
+  for (Index i = 0; i < std::ssize(parameters); ++i) {
     if (i == left_out) continue;
     const std::vector<Index> nodes = grid.nodes(i);
     for (Index p = 0; p < result.rows(); ++p) result.row(p).array() *= parameters[i].row(nodes[p]).array();
@@ -151,7 +149,7 @@ void LatinTerms::append(const VectorXd& mode, const VectorXd& of_time,
   put(space, mode);
   put(time, of_time);
   parameters.resize(functions.size());
-  for (std::size_t i = 0; i < functions.size(); ++i) put(parameters[i], functions[i]);
+  for (Index i = 0; i < std::ssize(functions); ++i) put(parameters[i], functions[i]);
 }
 
 void LatinTerms::normalise() {
@@ -159,7 +157,7 @@ void LatinTerms::normalise() {
     double scale = space.col(k).norm();
     if (scale > 0) space.col(k) /= scale;
     for (MatrixXd& functions : parameters) {
-      double size = functions.col(k).norm() / std::sqrt(static_cast<double>(functions.rows()));
+      double size = functions.col(k).norm() / std::sqrt(functions.rows());
       if (functions.col(k).sum() < 0) size = -size;
       if (size != 0) functions.col(k) /= size;
       scale *= size;
@@ -175,7 +173,7 @@ void update_functions(const LatinProjection& projection, LatinTerms& terms, int 
   const TermProjection problem = project(projection, terms.space, threads);
   for (int sweep = 0; sweep < sweeps; ++sweep) {
     update_time(problem, projection.weights, terms, relaxation, threads);
-    for (std::size_t axis = 0; axis < terms.parameters.size(); ++axis)
+    for (Index axis = 0; axis < std::ssize(terms.parameters); ++axis)
       update_axis(problem, projection.weights, terms, axis, relaxation, threads);
     terms.normalise();
   }
@@ -185,16 +183,16 @@ void update_space(const LatinProjection& projection, LatinTerms& terms, double r
                   std::size_t threads) {
   const Index r = terms.space.rows();
   const MatrixXd functions = terms.on_grid();
-  const auto steps = static_cast<std::size_t>(projection.steps());
+  const std::size_t steps = projection.steps();
   std::vector<MatrixXd> states(steps), matrices(steps);
   std::vector<VectorXd> right_sides(steps);
-  for (std::size_t t = 0; t < steps; ++t) states[t] = terms.coordinates(static_cast<Index>(t));
+  for (std::size_t t = 0; t < steps; ++t) states[t] = terms.coordinates(t);
   for (Index k = 0; k < terms.count(); ++k) {
     parallel_for(steps, threads, [&](std::size_t t) {
       VectorXd sum = VectorXd::Zero(r * r);
       right_sides[t] = VectorXd::Zero(r);
       for (Index p = 0; p < projection.weights.size(); ++p) {
-        const double c = terms.time(static_cast<Index>(t), k) * functions(p, k);
+        const double c = terms.time(t, k) * functions(p, k);
         const auto stiffness = projection.stiffness[t].col(p);
         sum += (projection.weights[p] * c * c) * stiffness;
         right_sides[t] +=
@@ -212,7 +210,7 @@ void update_space(const LatinProjection& projection, LatinTerms& terms, double r
     const VectorXd change = relaxation * solve(std::move(matrix), right_side);
     terms.space.col(k) += change;
     for (std::size_t t = 0; t < steps; ++t)
-      states[t] += change * (terms.time(static_cast<Index>(t), k) * functions.col(k).transpose());
+      states[t] += change * (terms.time(t, k) * functions.col(k).transpose());
   }
   terms.normalise();
 }
@@ -238,7 +236,7 @@ RankOne rank_one_functions(const MatrixXd& a, const MatrixXd& b, const LatinGrid
   for (int sweep = 0; sweep < k_sweeps; ++sweep) {
     VectorXd c = term.on_grid();
     term.time = divide(b * weights.cwiseProduct(c), a * weights.cwiseProduct(c.cwiseAbs2()));
-    for (std::size_t axis = 0; axis < grid.sizes.size(); ++axis) {
+    for (Index axis = 0; axis < std::ssize(grid.sizes); ++axis) {
       c = term.on_grid(axis);
       const VectorXd b_at = (b.transpose() * term.time).cwiseProduct(weights).cwiseProduct(c);
       const VectorXd a_at =

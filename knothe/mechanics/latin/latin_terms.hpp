@@ -5,17 +5,19 @@
 #include <cstddef>
 #include <vector>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::mechanics {
 
 /// The tensor grid of parameters: points are numbered with the last axis fastest.
 struct LatinGrid {
-  std::vector<Eigen::Index> sizes;       ///< nodes of each axis
+  std::vector<Index> sizes;              ///< nodes of each axis
   std::vector<Eigen::VectorXd> weights;  ///< of quadrature on each axis, sum 1
 
-  [[nodiscard]] Eigen::Index points() const;
+  [[nodiscard]] Index points() const;
   [[nodiscard]] Eigen::VectorXd point_weights() const;  ///< their products, P
   /// Node of the axis at each point.
-  [[nodiscard]] std::vector<Eigen::Index> nodes(std::size_t axis) const;
+  [[nodiscard]] std::vector<Index> nodes(std::size_t axis) const;
 };
 
 /// c(t, p) = Σ_k S_k λ_k(t) Π_i γ_ki(p_i): coordinates of a state in R space modes that are orthonormal in
@@ -25,12 +27,12 @@ struct LatinTerms {
   Eigen::MatrixXd time;                     ///< λ, n_t × m, m
   std::vector<Eigen::MatrixXd> parameters;  ///< γ, n_i × m for each axis
 
-  [[nodiscard]] Eigen::Index count() const { return time.cols(); }
-  [[nodiscard]] std::vector<Eigen::Index> sizes() const;  ///< nodes of each axis
+  [[nodiscard]] Index count() const { return time.cols(); }
+  [[nodiscard]] std::vector<Index> sizes() const;  ///< nodes of each axis
   /// Π_i γ_ki at all grid points, P × m; without axis `left_out` if one is named.
-  [[nodiscard]] Eigen::MatrixXd on_grid(std::size_t left_out = static_cast<std::size_t>(-1)) const;
+  [[nodiscard]] Eigen::MatrixXd on_grid(Index left_out = -1) const;
   /// c at a step, R × P.
-  [[nodiscard]] Eigen::MatrixXd coordinates(Eigen::Index step) const;
+  [[nodiscard]] Eigen::MatrixXd coordinates(Index step) const;
   /// One term more; `functions` as the rows of `parameters`.
   void append(const Eigen::VectorXd& mode, const Eigen::VectorXd& of_time,
               const std::vector<Eigen::VectorXd>& functions);
@@ -45,7 +47,7 @@ struct LatinProjection {
   std::vector<Eigen::MatrixXd> load;       ///< f for each step, R × P
   Eigen::VectorXd weights;                 ///< w, P
 
-  [[nodiscard]] int steps() const { return static_cast<int>(stiffness.size()); }
+  [[nodiscard]] int steps() const { return stiffness.size(); }
 };
 
 /// All λ_k(t) given the rest (m equations at each step), then all γ_ki of each axis (m equations at each

@@ -8,6 +8,7 @@
 #include <map>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 
 namespace knothe::mechanics {
 
@@ -33,7 +34,7 @@ double band_width(const FiniteElements& elements, std::int64_t cell) {
 
 std::vector<double> band_ratios(const HexahedronMesh& mesh, const FiniteElements& elements,
                                 const DamageRegularisationOptions& options) {
-  std::vector<double> ratios(static_cast<std::size_t>(mesh.cell_count()), 1.0);
+  std::vector<double> ratios(mesh.cell_count(), 1.0);
   if (options.kind != DamageRegularisation::crack_band) return ratios;
   for (std::int64_t cell = 0; cell < mesh.cell_count(); ++cell)
     if (mesh.elastic[cell] == 0) ratios[cell] = options.reference_size / band_width(elements, cell);
@@ -44,7 +45,7 @@ void check_band(const HexahedronMesh& mesh, const DamageRegularisationOptions& o
                 std::span<const double> ratios, const DamageParameters& parameters) {
   if (options.kind != DamageRegularisation::crack_band) return;
   const double smallest = smallest_band_ratio(parameters);
-  for (std::size_t cell = 0; cell < ratios.size(); ++cell)
+  for (Index cell = 0; cell < std::ssize(ratios); ++cell)
     if (mesh.elastic[cell] == 0 && ratios[cell] < smallest)
       throw ProjectError(fmt::format(
           "regularised damage: cell {} is {:.4g} m wide; at Y0 = {:.4g} J/m3, Ad = {:.4g} m3/J the crack "
@@ -72,7 +73,7 @@ double crack_length(const HexahedronMesh& mesh, const FiniteElements& elements,
   double tip = notch, above = 0, below = 0, height = 0;
   bool open = false;
   for (const auto& [micrometres, value] : rows) {
-    const double y = 1e-6 * static_cast<double>(micrometres);
+    const double y = 1e-6 * micrometres;
     if (y < notch) continue;
     above = value;
     if (value >= 0.5) {

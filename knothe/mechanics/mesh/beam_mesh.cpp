@@ -22,8 +22,7 @@ std::vector<double> positive_positions(const BeamOptions& options, double half_n
   std::vector<double> x;
   const auto columns = whole(2 * half_notch / options.element);
   for (std::size_t i = 0; i <= columns; ++i) {
-    const double position =
-        -half_notch + 2 * half_notch * static_cast<double>(i) / static_cast<double>(columns);
+    const double position = -half_notch + 2 * half_notch * i / columns;
     if (position > -k_near) x.push_back(std::max(position, 0.0));
   }
   const auto append = [&x](const std::vector<double>& positions) {

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 
 namespace knothe::mechanics {
 namespace {
@@ -77,7 +78,7 @@ void check_connected(const HexahedronMesh& mesh, const std::string& source) {
     while (leader[cell] != cell) cell = leader[cell] = leader[leader[cell]];
     return cell;
   };
-  for (std::size_t i = 1; i < faces.size(); ++i) {
+  for (Index i = 1; i < std::ssize(faces); ++i) {
     if (faces[i].first != faces[i - 1].first) continue;
     const auto [low, high] = std::minmax({find(faces[i].second), find(faces[i - 1].second)});
     leader[high] = low;

@@ -32,8 +32,8 @@ struct HexahedronMesh {
   /// mesh's group "crack_mouth"): crack-mouth opening is the difference of their u_x. -1 if there are none.
   std::int64_t mouth_left = -1, mouth_right = -1;
 
-  [[nodiscard]] std::int64_t node_count() const { return static_cast<std::int64_t>(points.size() / 3); }
-  [[nodiscard]] std::int64_t cell_count() const { return static_cast<std::int64_t>(cells.size() / 8); }
+  [[nodiscard]] std::int64_t node_count() const { return points.size() / 3; }
+  [[nodiscard]] std::int64_t cell_count() const { return cells.size() / 8; }
   [[nodiscard]] std::array<double, 3> cell_centre(std::int64_t cell) const;
 };
 

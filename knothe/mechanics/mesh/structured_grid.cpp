@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::mechanics {
 
 std::vector<double> graded_positions(double from, double to, double first, double growth, double largest) {
@@ -32,7 +34,7 @@ std::vector<double> graded_positions(double from, double to, double first, doubl
 std::vector<double> uniform_positions(double from, double to, std::size_t count) {
   std::vector<double> positions(count + 1);
   for (std::size_t i = 0; i <= count; ++i)
-    positions[i] = from + (to - from) * (static_cast<double>(i) / static_cast<double>(count));
+    positions[i] = from + (to - from) * (static_cast<double>(i) / count);
   positions.back() = to;
   return positions;
 }
@@ -41,12 +43,12 @@ HexahedronMesh structured_grid(std::span<const double> x, std::span<const double
                                std::span<const double> z,
                                const std::function<bool(const std::array<double, 3>&)>& is_inside) {
   const std::size_t ny = y.size(), nz = z.size();
-  const auto grid_number = [&](std::size_t i, std::size_t j, std::size_t k) {
-    return static_cast<std::int64_t>((i * nz + k) * ny + j);
+  const auto grid_number = [&](std::size_t i, std::size_t j, std::size_t k) -> std::int64_t {
+    return (i * nz + k) * ny + j;
   };
   std::vector<std::int64_t> number(x.size() * ny * nz, -1);
   HexahedronMesh mesh;
-  for (std::size_t i = 0; i + 1 < x.size(); ++i)
+  for (Index i = 0; i + 1 < std::ssize(x); ++i)
     for (std::size_t k = 0; k + 1 < nz; ++k)
       for (std::size_t j = 0; j + 1 < ny; ++j) {
         if (!is_inside({(x[i] + x[i + 1]) / 2, (y[j] + y[j + 1]) / 2, (z[k] + z[k + 1]) / 2})) continue;
@@ -57,7 +59,7 @@ HexahedronMesh structured_grid(std::span<const double> x, std::span<const double
             number[mesh.cells.back()] = 0;
           }
       }
-  for (std::size_t i = 0; i < x.size(); ++i)
+  for (Index i = 0; i < std::ssize(x); ++i)
     for (std::size_t k = 0; k < nz; ++k)
       for (std::size_t j = 0; j < ny; ++j) {
         auto& entry = number[grid_number(i, j, k)];

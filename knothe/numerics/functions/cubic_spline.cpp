@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 
 namespace knothe::numerics {
 
@@ -15,7 +16,7 @@ namespace {
 void require_increasing(std::span<const double> nodes) {
   if (nodes.size() < 2)
     throw UsageError(fmt::format("cubic spline: {} node(s); at least 2 are needed", nodes.size()));
-  for (std::size_t i = 0; i < nodes.size(); ++i) {
+  for (Index i = 0; i < std::ssize(nodes); ++i) {
     if (!std::isfinite(nodes[i])) throw UsageError(fmt::format("cubic spline: node {} is not finite", i));
     if (i > 0 && !(nodes[i] > nodes[i - 1]))
       throw UsageError(
@@ -35,11 +36,11 @@ std::array<std::array<double, 4>, 4> pieces_on(const std::vector<double>& knots,
   for (int p = 1; p <= degree; ++p) {
     std::array<Polynomial, 4> next{};
     for (int m = 0; m < p; ++m) {  // basis[m] is B_{i,p-1} with i = j − p + 1 + m
-      const std::size_t i = j + static_cast<std::size_t>(m) + 1 - static_cast<std::size_t>(p);
-      const double low = knots[i], high = knots[i + static_cast<std::size_t>(p)], width = high - low;
+      const std::size_t i = j + m + 1 - p;
+      const double low = knots[i], high = knots[i + p], width = high - low;
       for (std::size_t k = 0; k < 4; ++k) {
         const double c = basis[m][k] / width;
-        auto& rising = next[static_cast<std::size_t>(m) + 1];
+        auto& rising = next[m + 1];
         auto& falling = next[m];
         rising[k] += (left - low) * c;
         falling[k] += (high - left) * c;
@@ -62,38 +63,36 @@ std::array<std::array<double, 4>, 4> pieces_on(const std::vector<double>& knots,
 CubicSplineBasis::CubicSplineBasis(std::span<const double> nodes) : nodes_(nodes.begin(), nodes.end()) {
   require_increasing(nodes);
   const std::size_t n = nodes.size();
-  degree_ = static_cast<int>(std::min<std::size_t>(3, n - 1));
+  degree_ = std::min<std::size_t>(3, n - 1);
   for (std::size_t i = 0; i < n; ++i) {
     const bool inside = i > 0 && i + 1 < n;
     const bool knot = !inside || (n >= 4 && i != 1 && i + 2 != n);
     if (knot) breaks_.push_back(nodes[i]);
   }
-  inverse_mean_width_ = static_cast<double>(breaks_.size() - 1) / (breaks_.back() - breaks_.front());
+  inverse_mean_width_ = (breaks_.size() - 1) / (breaks_.back() - breaks_.front());
 
-  std::vector<double> knots(static_cast<std::size_t>(degree_), breaks_.front());
+  std::vector<double> knots(degree_, breaks_.front());
   knots.insert(knots.end(), breaks_.begin(), breaks_.end());
-  knots.insert(knots.end(), static_cast<std::size_t>(degree_), breaks_.back());
-  for (std::size_t j = 0; j + 1 < breaks_.size(); ++j)
-    pieces_.push_back(pieces_on(knots, j + static_cast<std::size_t>(degree_), degree_));
+  knots.insert(knots.end(), degree_, breaks_.back());
+  for (Index j = 0; j + 1 < std::ssize(breaks_); ++j)
+    pieces_.push_back(pieces_on(knots, j + degree_, degree_));
 
   Eigen::MatrixXd collocation = Eigen::MatrixXd::Zero(size(), size());
   for (std::size_t i = 0; i < n; ++i) {
     const Local local = evaluate(nodes[i]);
-    for (int f = 0; f < active(); ++f)
-      collocation(static_cast<Eigen::Index>(i), local.first + f) = local.value[f];
+    for (int f = 0; f < active(); ++f) collocation(i, local.first + f) = local.value[f];
   }
   from_values_ = collocation.partialPivLu().inverse();
 }
 
 std::size_t CubicSplineBasis::interval_of(double x) const {
-  const auto last = static_cast<std::ptrdiff_t>(pieces_.size()) - 1;
+  const auto last = std::ssize(pieces_) - 1;
   // A guess that is exact on uniform nodes, corrected by a short walk elsewhere.
   const double guess = (x - breaks_.front()) * inverse_mean_width_;
-  auto j =
-      guess > 0 ? static_cast<std::ptrdiff_t>(std::min(guess, static_cast<double>(last))) : std::ptrdiff_t{0};
+  auto j = guess > 0 ? static_cast<std::ptrdiff_t>(std::min<double>(guess, last)) : std::ptrdiff_t{0};
   while (j > 0 && x < breaks_[j]) --j;
-  while (j < last && x >= breaks_[static_cast<std::size_t>(j) + 1]) ++j;
-  return static_cast<std::size_t>(j);
+  while (j < last && x >= breaks_[j + 1]) ++j;
+  return j;
 }
 
 CubicSplineBasis::Local CubicSplineBasis::evaluate(double x) const {
@@ -101,7 +100,7 @@ CubicSplineBasis::Local CubicSplineBasis::evaluate(double x) const {
   const double s = x - breaks_[j];
   const auto& c = pieces_[j];
   Local local{};
-  local.first = static_cast<Eigen::Index>(j);
+  local.first = j;
   for (std::size_t f = 0; f < 4; ++f) {
     local.value[f] = c[0][f] + s * (c[1][f] + s * (c[2][f] + s * c[3][f]));
     local.first_derivative[f] = c[1][f] + s * (2 * c[2][f] + s * 3 * c[3][f]);
@@ -123,7 +122,7 @@ Eigen::VectorXd CubicSplineBasis::cardinal_weights(double x, int derivative) con
 CubicSpline::CubicSpline(std::span<const double> nodes, std::span<const double> values) {
   if (values.size() != nodes.size())
     throw UsageError(fmt::format("cubic spline: {} values for {} nodes", values.size(), nodes.size()));
-  for (std::size_t i = 0; i < values.size(); ++i)
+  for (Index i = 0; i < std::ssize(values); ++i)
     if (!std::isfinite(values[i])) throw UsageError(fmt::format("cubic spline: value {} is not finite", i));
   const CubicSplineBasis basis(nodes);
   const Eigen::Map<const Eigen::VectorXd> y(values.data(), basis.size());
@@ -137,8 +136,8 @@ CubicSpline::CubicSpline(std::span<const double> nodes, std::span<const double> 
     const auto at_left = basis.evaluate(piece.left);
     const auto before_right = basis.evaluate(0.5 * (piece.left + right));
     double second_middle = 0;
-    for (std::size_t f = 0; f < static_cast<std::size_t>(basis.active()); ++f) {
-      const double a = c[at_left.first + static_cast<Eigen::Index>(f)];
+    for (Index f = 0; f < basis.active(); ++f) {
+      const double a = c[at_left.first + f];
       piece.coefficient[0] += a * at_left.value[f];
       piece.coefficient[1] += a * at_left.first_derivative[f];
       piece.coefficient[2] += a * at_left.second_derivative[f] / 2;

@@ -9,6 +9,8 @@
 #include <span>
 #include <vector>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::numerics {
 
 /// The B-splines B_0 … B_{n−1} in whose span the interpolants through n nodes lie: s(x) = Σ_i c_i B_i(x). At
@@ -18,7 +20,7 @@ class CubicSplineBasis {
   /// The functions that are not zero at a point, and their derivatives there. For n < 4 the last ones are
   /// zero.
   struct Local {
-    Eigen::Index first;                       ///< B_first … B_{first+3}; first + active() ≤ n
+    Index first;                              ///< B_first … B_{first+3}; first + active() ≤ n
     std::array<double, 4> value;              ///< B
     std::array<double, 4> first_derivative;   ///< B'
     std::array<double, 4> second_derivative;  ///< B''
@@ -27,7 +29,7 @@ class CubicSplineBasis {
   /// `nodes`: at least two, strictly increasing, finite. Errors: UsageError.
   explicit CubicSplineBasis(std::span<const double> nodes);
 
-  [[nodiscard]] Eigen::Index size() const { return static_cast<Eigen::Index>(nodes_.size()); }  ///< n
+  [[nodiscard]] Index size() const { return std::ssize(nodes_); }  ///< n
   [[nodiscard]] std::span<const double> nodes() const { return nodes_; }
   /// Number of functions that may differ from zero at a point: min(n, 4).
   [[nodiscard]] int active() const { return degree_ + 1; }

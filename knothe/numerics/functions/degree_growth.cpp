@@ -5,13 +5,14 @@
 #include <numeric>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 
 namespace knothe::numerics {
 
 DegreeGrowth::DegreeGrowth(int dimension, int largest_degree) : largest_degree_(largest_degree) {
   if (dimension < 1 || largest_degree < 1)
     throw UsageError("growth of degrees: at least one variable, and degree 1 at least");
-  indices_.emplace_back(static_cast<std::size_t>(dimension), 0);
+  indices_.emplace_back(dimension, 0);
   active_.push_back(true);
   known_.insert(indices_.front());
 }
@@ -27,13 +28,13 @@ std::vector<std::size_t> DegreeGrowth::chosen(std::span<const double> indicator,
   const auto total = [&](std::size_t n) {
     return std::accumulate(indices_[n].begin(), indices_[n].end(), 0);
   };
-  for (std::size_t n = 0; n < indices_.size(); ++n) {
+  for (Index n = 0; n < std::ssize(indices_); ++n) {
     if (!active_[n]) continue;
     largest = std::max(largest, indicator[n]);
     smallest = std::min(smallest, total(n));
   }
   evenly = evenly || !(largest > 0);
-  for (std::size_t n = 0; n < indices_.size(); ++n)
+  for (Index n = 0; n < std::ssize(indices_); ++n)
     if (active_[n] && (evenly ? total(n) == smallest : indicator[n] >= 0.5 * largest)) result.push_back(n);
   std::stable_sort(result.begin(), result.end(),
                    [&](std::size_t a, std::size_t b) { return indicator[a] > indicator[b]; });
@@ -42,11 +43,11 @@ std::vector<std::size_t> DegreeGrowth::chosen(std::span<const double> indicator,
 
 std::vector<MultiIndex> DegreeGrowth::admissible_above(std::size_t place) const {
   std::vector<MultiIndex> result;
-  for (std::size_t i = 0; i < indices_[place].size(); ++i) {
+  for (Index i = 0; i < std::ssize(indices_[place]); ++i) {
     MultiIndex above = indices_[place];
     if (++above[i] > largest_degree_ || known_.count(above) > 0) continue;
     bool complete = true;
-    for (std::size_t j = 0; j < above.size(); ++j) {
+    for (Index j = 0; j < std::ssize(above); ++j) {
       if (above[j] == 0) continue;
       MultiIndex below = above;
       --below[j];
@@ -87,8 +88,8 @@ void DegreeGrowth::expand(std::span<const double> indicator, bool evenly, std::s
 void DegreeGrowth::leave_out(std::size_t place) {
   if (place >= indices_.size() || !active_[place])
     throw UsageError("growth of degrees: only an active index can be left out");
-  indices_.erase(indices_.begin() + static_cast<std::ptrdiff_t>(place));  // it stays known
-  active_.erase(active_.begin() + static_cast<std::ptrdiff_t>(place));
+  indices_.erase(indices_.begin() + place);  // it stays known
+  active_.erase(active_.begin() + place);
 }
 
 }  // namespace knothe::numerics

@@ -6,10 +6,10 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 
 namespace knothe::numerics {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
@@ -31,7 +31,7 @@ double next_leja_node(const std::vector<double>& nodes) {
   std::vector<double> sorted = nodes;
   std::sort(sorted.begin(), sorted.end(), std::greater<>());
   double best = 0, largest = -1;
-  for (std::size_t i = 1; i < sorted.size(); ++i) {
+  for (Index i = 1; i < std::ssize(sorted); ++i) {
     const double x = stationary_point(nodes, sorted[i], sorted[i - 1]);
     double product = 1;
     for (const double node : nodes) product *= 2 * std::abs(x - node);  // 2: the capacity is ½
@@ -45,7 +45,7 @@ double next_leja_node(const std::vector<double>& nodes) {
 
 void extend_leja(std::vector<double>& nodes, int count) {
   static const std::vector<double> k_first = {0, 1, -1};
-  while (nodes.size() < static_cast<std::size_t>(count))
+  while (std::ssize(nodes) < count)
     nodes.push_back(nodes.size() < k_first.size() ? k_first[nodes.size()] : next_leja_node(nodes));
 }
 
@@ -62,9 +62,7 @@ std::vector<double> leja_nodes(int count) {
 }
 
 SparseInterpolation::SparseInterpolation(VectorXd lower, VectorXd upper)
-    : lower_(std::move(lower)),
-      upper_(std::move(upper)),
-      degree_(static_cast<std::size_t>(lower_.size()), 0) {
+    : lower_(std::move(lower)), upper_(std::move(upper)), degree_(lower_.size(), 0) {
   if (lower_.size() == 0 || lower_.size() != upper_.size() || !lower_.allFinite() || !upper_.allFinite() ||
       !(lower_.array() < upper_.array()).all())
     throw UsageError("sparse interpolation: the box must be finite, each upper end above its lower one");
@@ -76,7 +74,7 @@ void SparseInterpolation::add(const MultiIndex& index) {
         fmt::format("sparse interpolation: {} is no index of {} variables", written(index), degree_.size()));
   if (contains(index))
     throw UsageError(fmt::format("sparse interpolation: index {} is there already", written(index)));
-  for (std::size_t i = 0; i < index.size(); ++i) {
+  for (Index i = 0; i < std::ssize(index); ++i) {
     if (index[i] == 0) continue;
     MultiIndex smaller = index;
     --smaller[i];
@@ -84,7 +82,7 @@ void SparseInterpolation::add(const MultiIndex& index) {
       throw UsageError(
           fmt::format("sparse interpolation: index {} needs {} before it", written(index), written(smaller)));
   }
-  for (std::size_t i = 0; i < index.size(); ++i) degree_[i] = std::max(degree_[i], index[i]);
+  for (Index i = 0; i < std::ssize(index); ++i) degree_[i] = std::max(degree_[i], index[i]);
   extend_leja(nodes_, *std::max_element(index.begin(), index.end()) + 1);
   const Index place = count();
   place_[index] = place;

@@ -4,6 +4,8 @@
 #include <map>
 #include <vector>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::numerics {
 
 /// A degree for each variable.
@@ -27,8 +29,8 @@ class SparseInterpolation {
   /// UsageError unless the box is finite and not empty.
   SparseInterpolation(Eigen::VectorXd lower, Eigen::VectorXd upper);
 
-  [[nodiscard]] Eigen::Index dimension() const { return lower_.size(); }                           ///< d
-  [[nodiscard]] Eigen::Index count() const { return static_cast<Eigen::Index>(indices_.size()); }  ///< |Λ|
+  [[nodiscard]] Index dimension() const { return lower_.size(); }                    ///< d
+  [[nodiscard]] Index count() const { return std::ssize(indices_); }                 ///< |Λ|
   [[nodiscard]] const std::vector<MultiIndex>& indices() const { return indices_; }  ///< as added
   [[nodiscard]] bool contains(const MultiIndex& index) const { return place_.count(index) > 0; }
   /// UsageError for an index that is there, or one without all that are smaller by one in one variable.
@@ -41,9 +43,9 @@ class SparseInterpolation {
   /// ∂H_ν/∂p_i, |Λ| × d.
   [[nodiscard]] Eigen::MatrixXd basis_gradient(const Eigen::VectorXd& p) const;
   /// H_k(x), k = 0 … `degree`, of variable `i`.
-  [[nodiscard]] Eigen::VectorXd factors(Eigen::Index i, double x, int degree) const;
+  [[nodiscard]] Eigen::VectorXd factors(Index i, double x, int degree) const;
   /// Largest degree in variable `i`.
-  [[nodiscard]] int degree(Eigen::Index i) const { return degree_[i]; }
+  [[nodiscard]] int degree(Index i) const { return degree_[i]; }
 
   /// s_ν from the values at the nodes in their order, |Λ| × any number of functions. The first rows are those
   /// of a part of the values.
@@ -51,12 +53,12 @@ class SparseInterpolation {
 
  private:
   /// H_k and its derivative in p_i, in two columns.
-  [[nodiscard]] Eigen::MatrixXd factors_with_slope(Eigen::Index i, double x) const;
+  [[nodiscard]] Eigen::MatrixXd factors_with_slope(Index i, double x) const;
 
   Eigen::VectorXd lower_, upper_;
   std::vector<double> nodes_;  ///< on [−1, 1], as many as the largest degree needs
   std::vector<MultiIndex> indices_;
-  std::map<MultiIndex, Eigen::Index> place_;
+  std::map<MultiIndex, Index> place_;
   std::vector<int> degree_;
   Eigen::MatrixXd triangle_;  ///< H_μ(node ν) at [ν, μ], with room for more: unit lower triangular
 };

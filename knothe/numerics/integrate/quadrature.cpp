@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/integrate/hermite.hpp"
 
 namespace knothe::numerics {
@@ -21,12 +22,12 @@ Quadrature gauss_hermite(int n) {
   if (n == 1) return rule;
   Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver;
   solver.computeFromTridiagonal(diagonal, off, Eigen::EigenvaluesOnly);
-  std::vector<double> h(static_cast<std::size_t>(n) + 1);
+  std::vector<double> h(n + 1);
   for (int i = 0; i < n; ++i) {
     double x = solver.eigenvalues()[i];
     for (int step = 0; step < 3; ++step) {
       normalised_hermite(x, h);
-      x -= h[n] / (std::sqrt(n) * h[static_cast<std::size_t>(n) - 1]);
+      x -= h[n] / (std::sqrt(n) * h[n - 1]);
     }
     rule.nodes[i] = x;
   }
@@ -63,27 +64,27 @@ Quadrature gauss_legendre(int n, double a, double b) {
   return rule;
 }
 
-PointRule tensor_rule(const Quadrature& rule, Eigen::Index d, double drop) {
+PointRule tensor_rule(const Quadrature& rule, Index d, double drop) {
   if (d < 1) throw UsageError(fmt::format("tensor rule in {} dimensions: at least 1 is needed", d));
-  return tensor_rule(std::vector<Quadrature>(static_cast<std::size_t>(d), rule), drop);
+  return tensor_rule(std::vector<Quadrature>(d, rule), drop);
 }
 
 PointRule tensor_rule(const std::vector<Quadrature>& rules, double drop) {
   if (rules.empty()) throw UsageError("tensor rule in 0 dimensions: at least 1 is needed");
-  const auto d = static_cast<Eigen::Index>(rules.size());
-  std::vector<Eigen::Index> index(static_cast<std::size_t>(d), 0), kept;
+  const auto d = std::ssize(rules);
+  std::vector<Index> index(d, 0), kept;
   std::vector<double> weights;
   double total = 0;
   for (bool more = true; more;) {
     double w = 1;
-    for (std::size_t k = 0; k < rules.size(); ++k) w *= rules[k].weights[index[k]];
+    for (Index k = 0; k < std::ssize(rules); ++k) w *= rules[k].weights[index[k]];
     total += w;
     if (w >= drop) {
       kept.insert(kept.end(), index.begin(), index.end());
       weights.push_back(w);
     }
     more = false;
-    for (std::size_t k = 0; k < rules.size(); ++k) {
+    for (Index k = 0; k < std::ssize(rules); ++k) {
       if (++index[k] < rules[k].nodes.size()) {
         more = true;
         break;
@@ -91,10 +92,10 @@ PointRule tensor_rule(const std::vector<Quadrature>& rules, double drop) {
       index[k] = 0;
     }
   }
-  PointRule result{Eigen::MatrixXd(static_cast<Eigen::Index>(weights.size()), d),
-                   Eigen::Map<Eigen::VectorXd>(weights.data(), static_cast<Eigen::Index>(weights.size()))};
-  for (Eigen::Index p = 0; p < result.points.rows(); ++p)
-    for (Eigen::Index k = 0; k < d; ++k) result.points(p, k) = rules[k].nodes[kept[p * d + k]];
+  PointRule result{Eigen::MatrixXd(std::ssize(weights), d),
+                   Eigen::Map<Eigen::VectorXd>(weights.data(), std::ssize(weights))};
+  for (Index p = 0; p < result.points.rows(); ++p)
+    for (Index k = 0; k < d; ++k) result.points(p, k) = rules[k].nodes[kept[p * d + k]];
   result.weights *= total / result.weights.sum();
   return result;
 }

@@ -3,6 +3,8 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::numerics {
 
 /// Nodes (increasing) and weights of a rule in one variable.
@@ -27,7 +29,7 @@ struct PointRule {
 
 /// The d-fold product of a rule; the first coordinate runs fastest. Points of weight below `drop` are left
 /// out and the others scaled to keep the sum of the weights.
-[[nodiscard]] PointRule tensor_rule(const Quadrature& rule, Eigen::Index d, double drop = 0);
+[[nodiscard]] PointRule tensor_rule(const Quadrature& rule, Index d, double drop = 0);
 /// The product of one rule per coordinate.
 [[nodiscard]] PointRule tensor_rule(const std::vector<Quadrature>& rules, double drop = 0);
 

@@ -8,6 +8,7 @@
 #include <boost/random/sobol.hpp>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
 #include "knothe/numerics/statistics/random.hpp"
 
@@ -22,13 +23,13 @@ constexpr int k_bits = 32;
 using Directions = std::array<std::uint32_t, k_bits>;
 
 /// Column b of the generating matrix, leading bit first (Joe and Kuo 2008, Eq. 2.2).
-Directions directions_of(Eigen::Index dimension) {
+Directions directions_of(Index dimension) {
   Directions v{};
   if (dimension == 0) {
     for (int b = 0; b < k_bits; ++b) v[b] = 1u << (31 - b);
     return v;
   }
-  const auto row = static_cast<std::size_t>(dimension - 1);
+  const std::size_t row = dimension - 1;
   // Primitive polynomial x^s + a_1 x^{s−1} + … + a_{s−1} x + 1, its coefficients the bits of a number.
   const std::uint32_t polynomial = Table::polynomial(row), s = std::bit_width(polynomial) - 1;
   for (std::uint32_t b = 0; b < k_bits; ++b) {
@@ -61,20 +62,20 @@ void scramble(Directions& v, std::uint64_t& state) {
 
 }  // namespace
 
-Eigen::MatrixXd sobol_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed) {
+Eigen::MatrixXd sobol_points(Index n, Index d, std::uint64_t seed) {
   if (d < 1 || d > k_sobol_max_dimension)
     throw UsageError(
         fmt::format("Sobol sequence in {} dimensions: 1 to {} are possible", d, k_sobol_max_dimension));
   Eigen::MatrixXd points(n, d);
   std::uint64_t state = seed;
-  for (Eigen::Index k = 0; k < d; ++k) {
+  for (Index k = 0; k < d; ++k) {
     Directions v = directions_of(k);
     std::uint32_t x = 0;
     if (seed != 0) {
       scramble(v, state);
       x = static_cast<std::uint32_t>(split_mix(state));
     }
-    for (Eigen::Index i = 0; i < n; ++i) {
+    for (Index i = 0; i < n; ++i) {
       points(i, k) = (x + 0.5) * 0x1p-32;
       x ^= v[std::countr_one(static_cast<std::uint32_t>(i))];  // Gray code order
     }
@@ -82,7 +83,7 @@ Eigen::MatrixXd sobol_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed)
   return points;
 }
 
-Eigen::MatrixXd sobol_normal_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed) {
+Eigen::MatrixXd sobol_normal_points(Index n, Index d, std::uint64_t seed) {
   return sobol_points(n, d, seed).unaryExpr([](double u) { return normal_quantile(u); });
 }
 
@@ -91,21 +92,21 @@ void match_standard_moments(Eigen::MatrixXd& points) {
   // Twice, because the first pass leaves rounding errors of the size of its own correction.
   for (int pass = 0; pass < 2; ++pass) {
     points.rowwise() -= points.colwise().mean().eval();
-    const Eigen::MatrixXd covariance = points.transpose() * points / static_cast<double>(points.rows());
+    const Eigen::MatrixXd covariance = points.transpose() * points / points.rows();
     const Eigen::MatrixXd factor = covariance.llt().matrixL();
     points = factor.triangularView<Eigen::Lower>().solve(points.transpose()).transpose().eval();
   }
 }
 
-std::vector<Eigen::Index> reversed_bits(Eigen::Index n) {
+std::vector<Index> reversed_bits(Index n) {
   // With one more bit the list is itself, twice as large, and then that plus one: 0; 0 1; 0 2 1 3 …
-  std::vector<Eigen::Index> order = {0};
-  while (static_cast<Eigen::Index>(order.size()) < n) {
+  std::vector<Index> order = {0};
+  while (std::ssize(order) < n) {
     const std::size_t half = order.size();
     order.resize(2 * half);
     for (std::size_t i = 0; i < half; ++i) order[half + i] = (order[i] *= 2) + 1;
   }
-  std::erase_if(order, [n](Eigen::Index i) { return i >= n; });
+  std::erase_if(order, [n](Index i) { return i >= n; });
   return order;
 }
 

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cassert>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::numerics {
 namespace {
 
@@ -11,14 +13,14 @@ namespace {
 /// is rounding: it names no direction.
 constexpr double k_rounding = 1e-14;
 
-constexpr Eigen::Index k_orthonormal_every = 32;
+constexpr Index k_orthonormal_every = 32;
 
 /// The first columns of x times `by` into x, rows by rows that stay in the cache.
 void turn(Eigen::MatrixXd& x, const Eigen::MatrixXd& by) {
-  constexpr Eigen::Index k_block = 512;
+  constexpr Index k_block = 512;
   Eigen::MatrixXd block;
-  for (Eigen::Index first = 0; first < x.rows(); first += k_block) {
-    const Eigen::Index count = std::min(k_block, x.rows() - first);
+  for (Index first = 0; first < x.rows(); first += k_block) {
+    const Index count = std::min(k_block, x.rows() - first);
     block.noalias() = x.block(first, 0, count, by.rows()) * by;
     x.block(first, 0, count, by.cols()) = block;
   }
@@ -26,7 +28,7 @@ void turn(Eigen::MatrixXd& x, const Eigen::MatrixXd& by) {
 
 }  // namespace
 
-IncrementalSvd::IncrementalSvd(Eigen::Index rows, Eigen::Index rank, Eigen::Index window)
+IncrementalSvd::IncrementalSvd(Index rows, Index rank, Index window)
     : most_(std::min(rank, rows)), window_(window) {
   assert(rows >= 1 && rank >= 1 && window >= 1);
   space_.setZero(rows, most_ + 1);
@@ -36,7 +38,7 @@ IncrementalSvd::IncrementalSvd(Eigen::Index rows, Eigen::Index rank, Eigen::Inde
 
 void IncrementalSvd::append(const Eigen::Ref<const Eigen::VectorXd>& column) {
   assert(column.size() == space_.rows() && column.allFinite());
-  const Eigen::Index k = rank_;
+  const Index k = rank_;
   // a = U c + ρ q. Gram-Schmidt twice: after the second pass q is orthogonal to U to rounding.
   Eigen::VectorXd rest = column;
   Eigen::VectorXd inside = space().transpose() * rest;
@@ -49,7 +51,7 @@ void IncrementalSvd::append(const Eigen::Ref<const Eigen::VectorXd>& column) {
   const bool grows = k < space_.rows() && rho > k_rounding * largest;
 
   // The small matrix [diag(s) c; 0 ρ].
-  const Eigen::Index m = grows ? k + 1 : k;
+  const Index m = grows ? k + 1 : k;
   Eigen::MatrixXd small = Eigen::MatrixXd::Zero(m, k + 1);
   small.topLeftCorner(k, k) = singular_values().asDiagonal();
   small.topRightCorner(k, 1) = inside;
@@ -64,7 +66,7 @@ void IncrementalSvd::append(const Eigen::Ref<const Eigen::VectorXd>& column) {
 
   // V gains a row and a column: [V 0; 0 1]. The oldest row falls out of the window.
   if (kept_ == window_) {
-    for (Eigen::Index i = 0; i + 1 < window_; ++i) time_.row(i) = time_.row(i + 1);
+    for (Index i = 0; i + 1 < window_; ++i) time_.row(i) = time_.row(i + 1);
     --kept_;
   }
   time_.col(k).head(kept_).setZero();

@@ -2,6 +2,8 @@
 /// @file The singular value decomposition of a matrix that grows by a column at a time.
 #include <Eigen/Core>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::numerics {
 
 /// Leading singular triplets of A = [a_1 … a_i], A ≈ U diag(s) Vᵀ, brought up to date when a column arrives:
@@ -16,20 +18,20 @@ namespace knothe::numerics {
 class IncrementalSvd {
  public:
   /// Columns of `rows` numbers, at most `rank` triplets, rows of V for the last `window` columns. All ≥ 1.
-  IncrementalSvd(Eigen::Index rows, Eigen::Index rank, Eigen::Index window);
+  IncrementalSvd(Index rows, Index rank, Index window);
 
   /// Appends a column (finite numbers).
   void append(const Eigen::Ref<const Eigen::VectorXd>& column);
 
-  [[nodiscard]] Eigen::Index columns() const { return columns_; }            ///< appended so far
-  [[nodiscard]] Eigen::Index rank() const { return rank_; }                  ///< triplets there are
+  [[nodiscard]] Index columns() const { return columns_; }                   ///< appended so far
+  [[nodiscard]] Index rank() const { return rank_; }                         ///< triplets there are
   [[nodiscard]] auto space() const { return space_.leftCols(rank_); }        ///< U, rows × rank, orthonormal
   [[nodiscard]] auto singular_values() const { return value_.head(rank_); }  ///< s, decreasing
   /// The rows of V of the last min(columns, window) columns, oldest first.
   [[nodiscard]] auto time() const { return time_.topLeftCorner(kept_, rank_); }
 
  private:
-  Eigen::Index most_, window_, columns_ = 0, rank_ = 0, kept_ = 0;
+  Index most_, window_, columns_ = 0, rank_ = 0, kept_ = 0;
   Eigen::MatrixXd space_;  ///< rows × (most + 1)
   Eigen::VectorXd value_;  ///< most + 1
   Eigen::MatrixXd time_;   ///< (window + 1) × (most + 1)

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 
 namespace knothe::numerics {
 namespace {
@@ -16,7 +17,7 @@ using Sparse = Eigen::SparseMatrix<double>;
 constexpr int k_widest = 48;  ///< columns taken at once
 
 struct Workspace {
-  explicit Workspace(int n) : place(static_cast<std::size_t>(n), -1) {}
+  explicit Workspace(int n) : place(n, -1) {}
   std::vector<int> place;  ///< of a row among those below the columns at hand
   Eigen::MatrixXd corner, below, inverse, of_rows, found;
 };
@@ -78,7 +79,7 @@ SelectedInverse::SelectedInverse(const Eigen::SparseMatrix<double>& matrix) {
     throw NumericalError("selected inverse: the matrix is not positive definite");
   Sparse lower = factor.matrixL();
   lower.makeCompressed();
-  const auto n = static_cast<int>(lower.cols());
+  const int n = lower.cols();
   inverse_ = lower;  // the same pattern
   double* z = inverse_.valuePtr();
   const int* begin = lower.outerIndexPtr();
@@ -96,29 +97,29 @@ SelectedInverse::SelectedInverse(const Eigen::SparseMatrix<double>& matrix) {
   lower_ = std::move(lower);
 }
 
-Eigen::VectorXd SelectedInverse::column(Eigen::Index j) const {
-  const Eigen::Index n = lower_.cols();
+Eigen::VectorXd SelectedInverse::column(Index j) const {
+  const Index n = lower_.cols();
   Eigen::VectorXd x = Eigen::VectorXd::Zero(n);
   const int *begin = lower_.outerIndexPtr(), *row = lower_.innerIndexPtr();
   const double* l = lower_.valuePtr();
   // L y = e, nothing before its place; then Lᵀ x = y.
   x[position_[j]] = 1;
-  for (Eigen::Index c = position_[j]; c < n; ++c) {
+  for (Index c = position_[j]; c < n; ++c) {
     if (x[c] == 0) continue;
     const double y = x[c] /= l[begin[c]];
     for (int p = begin[c] + 1; p < begin[c + 1]; ++p) x[row[p]] -= l[p] * y;
   }
-  for (Eigen::Index c = n; c-- > 0;) {
+  for (Index c = n; c-- > 0;) {
     double sum = x[c];
     for (int p = begin[c] + 1; p < begin[c + 1]; ++p) sum -= l[p] * x[row[p]];
     x[c] = sum / l[begin[c]];
   }
   Eigen::VectorXd result(n);
-  for (Eigen::Index i = 0; i < n; ++i) result[i] = x[position_[i]];
+  for (Index i = 0; i < n; ++i) result[i] = x[position_[i]];
   return result;
 }
 
-double SelectedInverse::entry(Eigen::Index i, Eigen::Index j) const {
+double SelectedInverse::entry(Index i, Index j) const {
   const int a = std::max(position_[i], position_[j]), b = std::min(position_[i], position_[j]);
   const int *begin = inverse_.outerIndexPtr(), *row = inverse_.innerIndexPtr();
   const int* found = std::lower_bound(row + begin[b], row + begin[b + 1], a);

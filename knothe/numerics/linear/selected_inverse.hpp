@@ -2,6 +2,8 @@
 /// @file Those entries of the inverse of a sparse matrix that lie on the pattern of its Cholesky factor.
 #include <Eigen/SparseCore>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::numerics {
 
 /// Diagonal and pattern entries of A⁻¹ for a symmetric positive definite A, by the recursion of Takahashi,
@@ -16,9 +18,9 @@ class SelectedInverse {
 
   [[nodiscard]] const Eigen::VectorXd& diagonal() const { return diagonal_; }
   /// (A⁻¹)_ij; entries of the pattern of A are always there. Errors: UsageError for one that is not.
-  [[nodiscard]] double entry(Eigen::Index i, Eigen::Index j) const;
+  [[nodiscard]] double entry(Index i, Index j) const;
   /// A⁻¹ e_j, by the factor.
-  [[nodiscard]] Eigen::VectorXd column(Eigen::Index j) const;
+  [[nodiscard]] Eigen::VectorXd column(Index j) const;
 
  private:
   Eigen::VectorXd diagonal_;

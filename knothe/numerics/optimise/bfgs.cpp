@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::numerics {
 
 bool Bfgs::line_search(Objective& objective, const Eigen::VectorXd& x, MinimiserSummary& summary,
@@ -55,7 +57,7 @@ void Bfgs::update_inverse_hessian(bool first) {
 }
 
 MinimiserSummary Bfgs::minimise(Objective& objective, const BfgsOptions& options, Eigen::VectorXd& x) {
-  const Eigen::Index n = objective.dimension();
+  const Index n = objective.dimension();
   for (auto* v : {&gradient_, &trial_gradient_, &direction_, &trial_, &step_, &change_, &product_})
     v->resize(n);
   inverse_hessian_.setIdentity(n, n);

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::numerics {
 
 namespace {
@@ -96,22 +98,22 @@ bool Lbfgs::line_search(Objective& objective, const Eigen::VectorXd& x, double f
 
 void Lbfgs::find_direction() {
   direction_ = -gradient_;
-  const Eigen::Index ring = steps_.cols();
-  for (Eigen::Index j = 0; j < kept_; ++j) {  // newest first
-    const Eigen::Index i = (newest_ - j + ring) % ring;
+  const Index ring = steps_.cols();
+  for (Index j = 0; j < kept_; ++j) {  // newest first
+    const Index i = (newest_ - j + ring) % ring;
     alpha_[i] = inverse_curvature_[i] * steps_.col(i).dot(direction_);
     direction_ -= alpha_[i] * changes_.col(i);
   }
   if (kept_ > 0) direction_ /= inverse_curvature_[newest_] * changes_.col(newest_).squaredNorm();
-  for (Eigen::Index j = kept_; j-- > 0;) {
-    const Eigen::Index i = (newest_ - j + ring) % ring;
+  for (Index j = kept_; j-- > 0;) {
+    const Index i = (newest_ - j + ring) % ring;
     const double beta = inverse_curvature_[i] * changes_.col(i).dot(direction_);
     direction_ += (alpha_[i] - beta) * steps_.col(i);
   }
 }
 
 void Lbfgs::remember() {
-  const Eigen::Index ring = steps_.cols(), at = (newest_ + 1) % ring;
+  const Index ring = steps_.cols(), at = (newest_ + 1) % ring;
   steps_.col(at) = trial_;  // the caller has put the step there
   changes_.col(at) = trial_gradient_ - gradient_;
   const double curvature = steps_.col(at).dot(changes_.col(at));
@@ -122,7 +124,7 @@ void Lbfgs::remember() {
 }
 
 MinimiserSummary Lbfgs::minimise(Objective& objective, const LbfgsOptions& options, Eigen::VectorXd& x) {
-  const Eigen::Index n = objective.dimension(), memory = std::max(1, options.memory);
+  const Index n = objective.dimension(), memory = std::max(1, options.memory);
   for (auto* v : {&gradient_, &trial_gradient_, &direction_, &trial_}) v->resize(n);
   // One column more than is read, so that a pair without curvature overwrites nothing in use.
   steps_.resize(n, memory + 1);

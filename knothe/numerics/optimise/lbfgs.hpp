@@ -1,5 +1,6 @@
 #pragma once
 /// @file BFGS with limited memory, for objectives with gradient in many variables.
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/optimise/minimiser.hpp"
 
 namespace knothe::numerics {
@@ -35,7 +36,7 @@ class Lbfgs {
   Eigen::VectorXd gradient_, trial_gradient_, direction_, trial_;
   Eigen::MatrixXd steps_, changes_;  ///< n × (memory + 1), a ring
   Eigen::VectorXd inverse_curvature_, alpha_;
-  Eigen::Index kept_ = 0, newest_ = -1;
+  Index kept_ = 0, newest_ = -1;
   Eigen::MatrixXd unused_;
 };
 

@@ -2,13 +2,15 @@
 /// @file Minimisers of smooth functions: what they have in common.
 #include <Eigen/Core>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::numerics {
 
 /// A function to minimise, with its derivatives and its feasible set.
 class Objective {
  public:
   virtual ~Objective() = default;
-  [[nodiscard]] virtual Eigen::Index dimension() const = 0;
+  [[nodiscard]] virtual Index dimension() const = 0;
   /// Value at x and, for derivatives ≥ 1 and 2, gradient and (symmetric, both triangles) Hessian, sized by
   /// the caller. A value that is not finite, or `false`, refuses the point.
   virtual bool evaluate(const Eigen::VectorXd& x, int derivatives, double& value, Eigen::VectorXd& gradient,

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::numerics {
 
 double NelderMead::value_at(Objective& objective, const Eigen::VectorXd& from, const Eigen::VectorXd& point,
@@ -22,21 +24,21 @@ double NelderMead::value_at(Objective& objective, const Eigen::VectorXd& from, c
 
 bool NelderMead::run(Objective& objective, const NelderMeadOptions& options, double edge, Eigen::VectorXd& x,
                      MinimiserSummary& summary) {
-  const Eigen::Index n = x.size();
-  const double dn = static_cast<double>(n);
+  const Index n = x.size();
+  const double dn = n;
   const double expand = 1 + 2 / dn, contract = 0.75 - 0.5 / dn, shrink = n > 1 ? 1 - 1 / dn : 0.5;
-  for (Eigen::Index j = 0; j <= n; ++j) {
+  for (Index j = 0; j <= n; ++j) {
     trial_ = x;
     if (j < n) trial_[j] += edge;
     simplex_.col(j) = trial_;
     values_[j] = value_at(objective, x, trial_, summary);
   }
   for (; summary.iterations < options.max_iterations; ++summary.iterations) {
-    Eigen::Index low = 0, high = 0;
+    Index low = 0, high = 0;
     values_.minCoeff(&low);
     values_.maxCoeff(&high);
     double second = -std::numeric_limits<double>::infinity();
-    for (Eigen::Index j = 0; j <= n; ++j)
+    for (Index j = 0; j <= n; ++j)
       if (j != high) second = std::max(second, values_[j]);
     best_ = simplex_.col(low);
     const double spread = (simplex_.colwise() - best_).cwiseAbs().maxCoeff();
@@ -67,14 +69,14 @@ bool NelderMead::run(Objective& objective, const NelderMeadOptions& options, dou
       values_[high] = contracted;
       continue;
     }
-    for (Eigen::Index j = 0; j <= n; ++j) {
+    for (Index j = 0; j <= n; ++j) {
       if (j == low) continue;
       trial_ = best_ + shrink * (simplex_.col(j) - best_);
       simplex_.col(j) = trial_;
       values_[j] = value_at(objective, best_, trial_, summary);
     }
   }
-  Eigen::Index low = 0;
+  Index low = 0;
   summary.value = values_.minCoeff(&low);
   x = simplex_.col(low);
   return summary.iterations < options.max_iterations;
@@ -82,7 +84,7 @@ bool NelderMead::run(Objective& objective, const NelderMeadOptions& options, dou
 
 MinimiserSummary NelderMead::minimise(Objective& objective, const NelderMeadOptions& options,
                                       Eigen::VectorXd& x) {
-  const Eigen::Index n = objective.dimension();
+  const Index n = objective.dimension();
   simplex_.resize(n, n + 1);
   values_.resize(n + 1);
   for (auto* v : {&centre_, &trial_, &other_, &step_, &best_}) v->resize(n);

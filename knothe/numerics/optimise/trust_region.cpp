@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::numerics {
 
 namespace {
@@ -116,7 +118,7 @@ double TrustRegion::agreement(double value, double trial_value, double predicted
 
 MinimiserSummary TrustRegion::minimise(Objective& objective, const TrustRegionOptions& options,
                                        Eigen::VectorXd& x) {
-  const Eigen::Index n = objective.dimension();
+  const Index n = objective.dimension();
   for (auto* v : {&gradient_, &trial_gradient_, &step_, &trial_, &product_}) v->resize(n);
   if (derivatives_ == 2)
     for (auto* m : {&hessian_, &trial_hessian_}) m->resize(n, n);

@@ -7,6 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::numerics {
 namespace {
 
@@ -28,14 +30,14 @@ double power_term(double a, double x) {
 /// Poisson-weighted mean of Q(a + j, ·), from a table of them.
 double poisson_mean(double half, const std::vector<double>& upper) {
   const double reach = k_reach * std::sqrt(half) + 12;
-  const auto first = static_cast<std::size_t>(std::max(0.0, std::floor(half - reach)));
-  const auto last = std::min(upper.size() - 1, static_cast<std::size_t>(half + reach));
-  const auto j0 = static_cast<double>(first);
+  const std::size_t first = std::max(0.0, std::floor(half - reach));
+  const auto last = std::min<std::size_t>(upper.size() - 1, half + reach);
+  const double j0 = first;
   double weight = half > 0 ? std::exp(j0 * std::log(half) - half - std::lgamma(j0 + 1)) : 1;
   double sum = 0;
   for (std::size_t j = first; j <= last; ++j) {
     sum += weight * upper[j];
-    weight *= half / static_cast<double>(j + 1);
+    weight *= half / (j + 1);
   }
   return sum;
 }
@@ -55,20 +57,18 @@ double mean_noncentral_upper(double x, double degrees, std::span<const double> n
   for (const double lambda : noncentralities)
     if (lambda <= k_largest) largest = std::max(largest, lambda);
   const double half = 0.5 * largest, a = 0.5 * degrees, y = 0.5 * x;
-  const auto count = static_cast<std::size_t>(half + k_reach * std::sqrt(half) + 14);
+  const std::size_t count = half + k_reach * std::sqrt(half) + 14;
   // Q(a + j + 1, y) = Q(a + j, y) + y^(a+j) e^−y/Γ(a + j + 1); the terms from the largest, where nothing
   // underflows, both ways.
   std::vector<double> upper(count);
-  const auto top = static_cast<std::size_t>(std::clamp(y - a, 0.0, static_cast<double>(count - 1)));
-  upper[top] = y > 0 ? power_term(a + static_cast<double>(top), y) : 0;
-  for (std::size_t j = top; j + 1 < count; ++j)
-    upper[j + 1] = upper[j] * y / (a + static_cast<double>(j + 1));
-  for (std::size_t j = top; j > 0; --j)
-    upper[j - 1] = y > 0 ? upper[j] * (a + static_cast<double>(j)) / y : 0;
+  const std::size_t top = std::clamp<double>(y - a, 0.0, count - 1);
+  upper[top] = y > 0 ? power_term(a + top, y) : 0;
+  for (std::size_t j = top; j + 1 < count; ++j) upper[j + 1] = upper[j] * y / (a + (j + 1));
+  for (std::size_t j = top; j > 0; --j) upper[j - 1] = y > 0 ? upper[j] * (a + j) / y : 0;
   double tail = upper_gamma(a, y);
   for (double& entry : upper) tail = std::min(1.0, tail + std::exchange(entry, tail));
   double sum = 0;
-  for (std::size_t k = 0; k < weights.size(); ++k) {
+  for (Index k = 0; k < std::ssize(weights); ++k) {
     const double lambda = noncentralities[k];
     if (!(weights[k] > 0)) continue;
     if (lambda <= k_largest) {

@@ -7,6 +7,7 @@
 #include <set>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
 #include "knothe/numerics/statistics/random.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
@@ -38,31 +39,30 @@ Eigen::MatrixXd whitened(const Eigen::MatrixXd& points, const Eigen::MatrixXd& c
 /// From each of the draws `repeated` a normal step of the covariance that the nearest of the draws `distinct`
 /// have about their mean. Shortened, all alike, so that the steps add at most 1 % to the variance of any
 /// axis.
-Eigen::MatrixXd local_steps(const Eigen::MatrixXd& draws, const std::vector<Eigen::Index>& distinct,
-                            const std::vector<Eigen::Index>& repeated, const Eigen::MatrixXd& covariance) {
+Eigen::MatrixXd local_steps(const Eigen::MatrixXd& draws, const std::vector<Index>& distinct,
+                            const std::vector<Index>& repeated, const Eigen::MatrixXd& covariance) {
   constexpr double k_added_variance = 0.01;
-  const Eigen::Index d = draws.cols();
-  const auto m = static_cast<Eigen::Index>(distinct.size());
-  const Eigen::Index neighbours = std::min(m, 2 * d + 2);
+  const Index d = draws.cols();
+  const auto m = std::ssize(distinct);
+  const Index neighbours = std::min(m, 2 * d + 2);
   const Eigen::MatrixXd positions = draws(distinct, Eigen::all), near = whitened(positions, covariance),
                         from = whitened(draws(repeated, Eigen::all), covariance);
   const Eigen::MatrixXd normal = monte_carlo_normal_points(from.rows(), static_cast<unsigned>(neighbours), 1);
-  std::vector<Eigen::Index> order(distinct.size());
+  std::vector<Index> order(distinct.size());
   Eigen::MatrixXd steps(from.rows(), d);
   Eigen::VectorXd variance = Eigen::VectorXd::Zero(d);  // of a step, by whitened coordinate
-  for (Eigen::Index i = 0; i < from.rows(); ++i) {
+  for (Index i = 0; i < from.rows(); ++i) {
     const Eigen::VectorXd distance = (near.rowwise() - from.row(i)).rowwise().squaredNorm();
-    std::iota(order.begin(), order.end(), Eigen::Index{0});
+    std::iota(order.begin(), order.end(), Index{0});
     std::nth_element(order.begin(), order.begin() + (neighbours - 1), order.end(),
-                     [&](Eigen::Index a, Eigen::Index b) { return distance[a] < distance[b]; });
-    const auto nearest =
-        Eigen::Map<const Eigen::Matrix<Eigen::Index, Eigen::Dynamic, 1>>(order.data(), neighbours);
+                     [&](Index a, Index b) { return distance[a] < distance[b]; });
+    const auto nearest = Eigen::Map<const Eigen::Matrix<Index, Eigen::Dynamic, 1>>(order.data(), neighbours);
     const Eigen::VectorXd factors = (normal.row(i).array() - normal.row(i).mean()).matrix().transpose() /
-                                    std::sqrt(static_cast<double>(std::max<Eigen::Index>(1, neighbours - 1)));
+                                    std::sqrt(std::max<Index>(1, neighbours - 1));
     steps.row(i) = factors.transpose() * positions(nearest, Eigen::all);
     variance += (factors.transpose() * near(nearest, Eigen::all)).cwiseAbs2().transpose();
   }
-  const double most = variance.maxCoeff() / static_cast<double>(steps.rows());
+  const double most = variance.maxCoeff() / steps.rows();
   return steps * std::min(1.0, std::sqrt(k_added_variance / std::max(most, 1e-300)));
 }
 
@@ -72,7 +72,7 @@ void move_in_cells(Eigen::Ref<Eigen::VectorXd> values, std::vector<double> nodes
                    const Eigen::Ref<const Eigen::VectorXd>& uniform) {
   std::sort(nodes.begin(), nodes.end());
   nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
-  for (Eigen::Index j = 0; j < values.size(); ++j) {
+  for (Index j = 0; j < values.size(); ++j) {
     const auto node = std::lower_bound(nodes.begin(), nodes.end(), values[j]);
     double width = std::numeric_limits<double>::infinity();
     if (node != nodes.begin()) width = *node - *(node - 1);
@@ -88,21 +88,21 @@ std::size_t distinct_values(const Eigen::Ref<const Eigen::VectorXd>& values) {
 }  // namespace
 
 Eigen::MatrixXd distinct_draws(const Eigen::Ref<const Eigen::MatrixXd>& points,
-                               const Eigen::Ref<const Eigen::VectorXd>& weights, Eigen::Index count,
+                               const Eigen::Ref<const Eigen::VectorXd>& weights, Index count,
                                const Eigen::Ref<const Eigen::VectorXd>& lower,
                                const Eigen::Ref<const Eigen::VectorXd>& upper) {
   const Eigen::MatrixXd drawn = resample(points, weights, count, 1);
   Eigen::MatrixXd draws = drawn;
   // By value: a chain that stayed has the same point several times.
   std::set<std::vector<double>> seen;
-  std::vector<Eigen::Index> distinct, repeated;
-  for (Eigen::Index j = 0; j < count; ++j)
+  std::vector<Index> distinct, repeated;
+  for (Index j = 0; j < count; ++j)
     (seen.emplace(draws.row(j).begin(), draws.row(j).end()).second ? distinct : repeated).push_back(j);
   if (!repeated.empty())
     draws(repeated, Eigen::all) +=
         local_steps(draws, distinct, repeated, moments_of(points, weights).covariance);
   const Eigen::MatrixXd uniform = monte_carlo_points(count, static_cast<unsigned>(draws.cols()), 1);
-  for (Eigen::Index k = 0; k < draws.cols(); ++k) {
+  for (Index k = 0; k < draws.cols(); ++k) {
     if (2 * distinct_values(drawn.col(k)) < seen.size()) {
       draws.col(k) = drawn.col(k);
       move_in_cells(draws.col(k), {points.col(k).begin(), points.col(k).end()}, uniform.col(k));

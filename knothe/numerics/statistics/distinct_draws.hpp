@@ -2,6 +2,8 @@
 /// @file Draws from weighted points, no two of which are the same.
 #include <Eigen/Core>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::numerics {
 
 /// `count` draws that weigh the same, count × d, in random order, from weighted points (n × d, weights ≥ 0
@@ -12,8 +14,7 @@ namespace knothe::numerics {
 /// within its cell instead, which adds a twelfth of the square of the spacing. Reflected at the bounds of the
 /// support (d each, infinite where there is none). The same for the same input.
 [[nodiscard]] Eigen::MatrixXd distinct_draws(const Eigen::Ref<const Eigen::MatrixXd>& points,
-                                             const Eigen::Ref<const Eigen::VectorXd>& weights,
-                                             Eigen::Index count,
+                                             const Eigen::Ref<const Eigen::VectorXd>& weights, Index count,
                                              const Eigen::Ref<const Eigen::VectorXd>& lower,
                                              const Eigen::Ref<const Eigen::VectorXd>& upper);
 

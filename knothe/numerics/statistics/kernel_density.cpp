@@ -10,6 +10,7 @@
 #include <numeric>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::numerics {
@@ -20,7 +21,7 @@ void require(std::span<const double> values, std::span<const double> weights) {
   if (values.empty() || values.size() != weights.size())
     throw UsageError(fmt::format("kernel density: {} values and {} weights", values.size(), weights.size()));
   double total = 0;
-  for (std::size_t i = 0; i < values.size(); ++i) {
+  for (Index i = 0; i < std::ssize(values); ++i) {
     if (!std::isfinite(values[i]) || !std::isfinite(weights[i]) || weights[i] < 0)
       throw UsageError(
           fmt::format("kernel density: point {} is {} with weight {}; points must be finite, weights finite "
@@ -43,8 +44,8 @@ double kernel_bandwidth(std::span<const double> values, std::span<const double> 
   require(values, weights);
   const double total = std::accumulate(weights.begin(), weights.end(), 0.0);
   double mean = 0, variance = 0;
-  for (std::size_t i = 0; i < values.size(); ++i) mean += weights[i] / total * values[i];
-  for (std::size_t i = 0; i < values.size(); ++i)
+  for (Index i = 0; i < std::ssize(values); ++i) mean += weights[i] / total * values[i];
+  for (Index i = 0; i < std::ssize(values); ++i)
     variance += weights[i] / total * std::pow(values[i] - mean, 2);
   std::array<double, 2> quartile{};
   WeightedQuantiles().compute(values, weights, std::array{0.25, 0.75}, quartile);
@@ -66,8 +67,8 @@ std::vector<double> kernel_density(std::span<const double> values, std::span<con
   if (!std::is_sorted(values.begin(), values.end()))
     std::stable_sort(order.begin(), order.end(),
                      [&](std::size_t a, std::size_t b) { return values[a] < values[b]; });
-  Eigen::ArrayXd sorted(static_cast<Eigen::Index>(values.size())), share(sorted.size());
-  for (Eigen::Index i = 0; i < sorted.size(); ++i) {
+  Eigen::ArrayXd sorted(std::ssize(values)), share(sorted.size());
+  for (Index i = 0; i < sorted.size(); ++i) {
     sorted[i] = values[order[i]];
     share[i] = weights[order[i]];
   }
@@ -78,7 +79,7 @@ std::vector<double> kernel_density(std::span<const double> values, std::span<con
   for (double x : at) {
     const double* first = std::lower_bound(begin_of_all, end_of_all, x - 9 * bandwidth);
     const double* last = std::upper_bound(first, end_of_all, x + 9 * bandwidth);
-    const Eigen::Index begin = first - begin_of_all, count = last - first;
+    const Index begin = first - begin_of_all, count = last - first;
     const auto u = (x - sorted.segment(begin, count)) / bandwidth;
     density.push_back(scale * (share.segment(begin, count) * (-0.5 * u.square()).exp()).sum());
   }

@@ -24,7 +24,7 @@ double mills_ratio(double x) {
 
 /// x²/2 carries a rounding error that exp would magnify: split x so that the large part squares exactly.
 double exp_minus_half_square(double x) {
-  const double high = static_cast<double>(static_cast<float>(x)), low = x - high;
+  const double high = static_cast<float>(x), low = x - high;
   return std::exp(-0.5 * high * high) * std::exp(-low * (high + 0.5 * low));
 }
 

@@ -4,13 +4,15 @@
 #include <cstddef>
 #include <vector>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::numerics {
 
 /// Of an even count the upper one of the two in the middle; 0 of none.
 template <class Values>
 [[nodiscard]] double upper_median(Values values) {
   if (values.size() == 0) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  const auto middle = values.begin() + values.size() / 2;
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
 }
@@ -18,10 +20,10 @@ template <class Values>
 /// Value at `level` (0 … 1) of the sorted numbers, linear in between. `values` must not be empty.
 [[nodiscard]] inline double quantile(std::vector<double> values, double level) {
   std::sort(values.begin(), values.end());
-  const double at = std::clamp(level, 0.0, 1.0) * static_cast<double>(values.size() - 1);
-  const auto lower = static_cast<std::size_t>(at);
+  const double at = std::clamp(level, 0.0, 1.0) * (values.size() - 1);
+  const std::size_t lower = at;
   const std::size_t upper = std::min(lower + 1, values.size() - 1);
-  return values[lower] + (at - static_cast<double>(lower)) * (values[upper] - values[lower]);
+  return values[lower] + (at - lower) * (values[upper] - values[lower]);
 }
 
 /// Two classes of numbers, split where the variance between them is largest (Otsu 1979).
@@ -34,12 +36,12 @@ struct TwoClasses {
   std::sort(values.begin(), values.end());
   double total = 0, squares = 0, below = 0, best = 0;
   for (const double v : values) total += v, squares += v * v;
-  const auto n = static_cast<double>(values.size());
+  const double n = values.size();
   TwoClasses classes;
   if (!values.empty()) classes.threshold = values.back();
-  for (std::size_t i = 1; i < values.size(); ++i) {
+  for (Index i = 1; i < std::ssize(values); ++i) {
     below += values[i - 1];
-    const auto k = static_cast<double>(i);
+    const double k = i;
     const double apart = (total - below) / (n - k) - below / k,
                  between = k * (n - k) / (n * n) * apart * apart;
     if (between > best) best = between, classes = {0.5 * (values[i - 1] + values[i]), 0, apart, k / n};

@@ -1,16 +1,17 @@
 #include "knothe/numerics/statistics/random.hpp"
 
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
 
 namespace knothe::numerics {
 
-Eigen::MatrixXd monte_carlo_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed, std::uint64_t first) {
+Eigen::MatrixXd monte_carlo_points(Index n, Index d, std::uint64_t seed, std::uint64_t first) {
   Eigen::MatrixXd points(n, d);
   const std::array<std::uint32_t, 2> key = {static_cast<std::uint32_t>(seed),
                                             static_cast<std::uint32_t>(seed >> 32)};
-  for (Eigen::Index k = 0; k < d; k += 2)  // one call of the generator serves two coordinates
-    for (Eigen::Index i = 0; i < n; ++i) {
-      const std::uint64_t index = first + static_cast<std::uint64_t>(i);
+  for (Index k = 0; k < d; k += 2)  // one call of the generator serves two coordinates
+    for (Index i = 0; i < n; ++i) {
+      const std::uint64_t index = first + i;
       const auto bits = philox({static_cast<std::uint32_t>(index), static_cast<std::uint32_t>(index >> 32),
                                 static_cast<std::uint32_t>(k / 2), 0},
                                key);
@@ -20,8 +21,7 @@ Eigen::MatrixXd monte_carlo_points(Eigen::Index n, Eigen::Index d, std::uint64_t
   return points;
 }
 
-Eigen::MatrixXd monte_carlo_normal_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed,
-                                          std::uint64_t first) {
+Eigen::MatrixXd monte_carlo_normal_points(Index n, Index d, std::uint64_t seed, std::uint64_t first) {
   return monte_carlo_points(n, d, seed, first).unaryExpr([](double u) { return normal_quantile(u); });
 }
 

@@ -5,6 +5,8 @@
 #include <array>
 #include <cstdint>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::numerics {
 
 /// Next number of the sequence that begins at `state`. Source: G. Steele, D. Lea, C. Flood, OOPSLA 2014.
@@ -33,16 +35,16 @@ namespace knothe::numerics {
 
 /// The middle of the interval of [0, 1) that the leading 52 bits name: never 0 or 1, both tails alike.
 [[nodiscard]] constexpr double unit_interval(std::uint64_t bits) {
-  return (static_cast<double>(bits >> 12) + 0.5) * 0x1p-52;
+  return ((bits >> 12) + 0.5) * 0x1p-52;
 }
 
 /// Independent uniform points, n × d, in (0, 1)^d. Entry (i, k) depends on the seed, i + first and k alone,
 /// so that points may be made piece by piece.
-[[nodiscard]] Eigen::MatrixXd monte_carlo_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed,
+[[nodiscard]] Eigen::MatrixXd monte_carlo_points(Index n, Index d, std::uint64_t seed,
                                                  std::uint64_t first = 0);
 
 /// The same, each coordinate through Φ⁻¹: independent draws from N(0, I).
-[[nodiscard]] Eigen::MatrixXd monte_carlo_normal_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed,
+[[nodiscard]] Eigen::MatrixXd monte_carlo_normal_points(Index n, Index d, std::uint64_t seed,
                                                         std::uint64_t first = 0);
 
 }  // namespace knothe::numerics

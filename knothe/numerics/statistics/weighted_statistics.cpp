@@ -11,6 +11,7 @@
 #include <random>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
 
@@ -24,7 +25,7 @@ class SpreadMass {
   static constexpr double k_reach = 9;  ///< K is nothing beyond
 
   SpreadMass() {
-    for (std::size_t i = 0; i < nodes_.size(); ++i) {
+    for (Index i = 0; i < std::ssize(nodes_); ++i) {
       const double x = -k_reach + static_cast<double>(i) / k_per_unit;
       double mass = 0, density = 1, factor = 1, before = 1, here = x;  // He_{2j−2}, He_{2j−1}
       for (int j = 1; j < 8; ++j) {
@@ -41,8 +42,8 @@ class SpreadMass {
   /// M(x), and K(x) to 1e-4.
   [[nodiscard]] std::pair<double, double> operator()(double x) const {
     const double at = (x + k_reach) * k_per_unit;
-    const auto i = static_cast<std::size_t>(std::clamp(at, 0.0, k_count - 2.0));
-    const double t = at - static_cast<double>(i);
+    const std::size_t i = std::clamp(at, 0.0, k_count - 2.0);
+    const double t = at - i;
     const auto& [left, slope] = nodes_[i];
     const auto& [right, right_slope] = nodes_[i + 1];
     const double rise = right - left;
@@ -58,16 +59,15 @@ class SpreadMass {
 };
 
 /// The points at the cumulative weights (k + ½)/count, in this order of the points.
-std::vector<Eigen::Index> draws_in_order(const Eigen::Ref<const Eigen::VectorXd>& weights,
-                                         const std::vector<Eigen::Index>& order, Eigen::Index count) {
-  const double share = weights.sum() / static_cast<double>(count);
-  std::vector<Eigen::Index> chosen;
+std::vector<Index> draws_in_order(const Eigen::Ref<const Eigen::VectorXd>& weights,
+                                  const std::vector<Index>& order, Index count) {
+  const double share = weights.sum() / count;
+  std::vector<Index> chosen;
   chosen.reserve(count);
   std::size_t i = 0;
   double passed = weights[order[0]];
-  for (Eigen::Index k = 0; k < count; ++k) {
-    while (passed < (static_cast<double>(k) + 0.5) * share && i + 1 < order.size())
-      passed += weights[order[++i]];
+  for (Index k = 0; k < count; ++k) {
+    while (passed < (k + 0.5) * share && i + 1 < order.size()) passed += weights[order[++i]];
     chosen.push_back(order[i]);
   }
   return chosen;
@@ -88,7 +88,7 @@ void mean_and_covariance(const Eigen::Ref<const Eigen::MatrixXd>& points,
 
 Moments moments_of(const Eigen::Ref<const Eigen::MatrixXd>& points,
                    const Eigen::Ref<const Eigen::VectorXd>& weights) {
-  const Eigen::Index n = points.rows(), d = points.cols();
+  const Index n = points.rows(), d = points.cols();
   if (n < 1 || weights.size() != n)
     throw UsageError(
         fmt::format("moments: {} points and {} weights; at least one point is needed, and one weight each", n,
@@ -101,7 +101,7 @@ Moments moments_of(const Eigen::Ref<const Eigen::MatrixXd>& points,
   mean_and_covariance(points, w, m.mean, m.covariance);
   m.skewness.setZero(d);
   m.kurtosis.setConstant(d, 3);
-  for (Eigen::Index k = 0; k < d; ++k) {
+  for (Index k = 0; k < d; ++k) {
     const double std = std::sqrt(m.covariance(k, k));
     if (!(std > 0)) continue;
     const Eigen::ArrayXd u = (points.col(k).array() - m.mean[k]) / std;
@@ -113,7 +113,7 @@ Moments moments_of(const Eigen::Ref<const Eigen::MatrixXd>& points,
 
 double effective_share(const Eigen::Ref<const Eigen::VectorXd>& log_weight) {
   const Eigen::ArrayXd weight = (log_weight.array() - log_weight.maxCoeff()).exp();
-  return weight.sum() * weight.sum() / (static_cast<double>(weight.size()) * weight.square().sum());
+  return weight.sum() * weight.sum() / (weight.size() * weight.square().sum());
 }
 
 void WeightedQuantiles::compute(std::span<const double> values, std::span<const double> weights,
@@ -124,7 +124,7 @@ void WeightedQuantiles::compute(std::span<const double> values, std::span<const 
         fmt::format("weighted quantiles: {} values, {} weights, {} levels, room for {} quantiles",
                     values.size(), weights.size(), levels.size(), quantiles.size()));
   double low = 0, high = 0, total = 0;
-  for (std::size_t i = 0; i < values.size(); ++i) {  // points without weight do not count
+  for (Index i = 0; i < std::ssize(values); ++i) {  // points without weight do not count
     if (!(weights[i] > 0)) continue;
     low = total == 0 ? values[i] : std::min(low, values[i]);
     high = total == 0 ? values[i] : std::max(high, values[i]);
@@ -133,8 +133,8 @@ void WeightedQuantiles::compute(std::span<const double> values, std::span<const 
   if (!(total > 0)) throw UsageError("weighted quantiles: no weight is positive");
   bins_.assign(k_bins, Bin{});
   const double scale = high > low ? k_bins / (high - low) : 0;
-  const auto bin_of = [&](double x) { return std::min(k_bins - 1, static_cast<int>((x - low) * scale)); };
-  for (std::size_t i = 0; i < values.size(); ++i)
+  const auto bin_of = [&](double x) { return std::min<int>(k_bins - 1, (x - low) * scale); };
+  for (Index i = 0; i < std::ssize(values); ++i)
     if (weights[i] > 0) {
       Bin& bin = bins_[bin_of(values[i])];
       bin.weight += weights[i];
@@ -142,8 +142,8 @@ void WeightedQuantiles::compute(std::span<const double> values, std::span<const 
     }
   int begin = 0;
   for (Bin& bin : bins_) bin.begin = bin.fill = begin, begin += bin.count;
-  entries_.resize(static_cast<std::size_t>(begin));
-  for (std::size_t i = 0; i < values.size(); ++i)
+  entries_.resize(begin);
+  for (Index i = 0; i < std::ssize(values); ++i)
     if (weights[i] > 0) entries_[bins_[bin_of(values[i])].fill++] = {values[i], weights[i] / total};
 
   const auto sort_bin = [&](Bin& bin) {
@@ -151,7 +151,7 @@ void WeightedQuantiles::compute(std::span<const double> values, std::span<const 
     std::sort(entries_.begin() + bin.begin, entries_.begin() + bin.begin + bin.count);
     bin.sorted = true;
   };
-  for (std::size_t q = 0; q < levels.size(); ++q) {
+  for (Index q = 0; q < std::ssize(levels); ++q) {
     double before = 0;  // weight of the bins below
     std::size_t at = 0;
     for (; at + 1 < bins_.size(); ++at) {
@@ -202,12 +202,12 @@ Eigen::MatrixXd weighted_quantiles(const Eigen::MatrixXd& points, const Eigen::V
 
 void weighted_quantiles(const Eigen::MatrixXd& points, const Eigen::VectorXd& weights,
                         WeightedQuantiles& workspace, Eigen::MatrixXd& quantiles) {
-  const auto n = static_cast<std::size_t>(points.rows());
+  const std::size_t n = points.rows();
   std::array<double, k_quantile_levels.size()> of_column;
-  quantiles.resize(points.cols(), static_cast<Eigen::Index>(of_column.size()));
-  for (Eigen::Index k = 0; k < points.cols(); ++k) {
-    workspace.compute({points.col(k).data(), n}, {weights.data(), static_cast<std::size_t>(weights.size())},
-                      k_quantile_levels, of_column);
+  quantiles.resize(points.cols(), std::ssize(of_column));
+  for (Index k = 0; k < points.cols(); ++k) {
+    workspace.compute({points.col(k).data(), n}, std::span(weights.data(), weights.size()), k_quantile_levels,
+                      of_column);
     quantiles.row(k) = Eigen::Map<const Eigen::RowVectorXd>(of_column.data(), quantiles.cols());
   }
 }
@@ -222,7 +222,7 @@ void lattice_quantiles(std::span<const double> nodes, std::span<const double> we
   };
   std::vector<Node> sorted;
   sorted.reserve(nodes.size());
-  for (std::size_t i = 0; i < nodes.size(); ++i)
+  for (Index i = 0; i < std::ssize(nodes); ++i)
     if (weights[i] > 0) sorted.push_back({nodes[i], weights[i], 0});
   if (sorted.empty()) throw UsageError("lattice quantiles: no weight is positive");
   const auto below = [](const Node& a, const Node& b) { return a.at < b.at; };
@@ -261,7 +261,7 @@ void lattice_quantiles(std::span<const double> nodes, std::span<const double> we
     }
     return false;
   };
-  for (std::size_t q = 0; q < levels.size(); ++q) {
+  for (Index q = 0; q < std::ssize(levels); ++q) {
     const double mass = levels[q] * total;
     const auto near =
         std::lower_bound(sorted.begin(), std::prev(sorted.end()), mass,
@@ -291,13 +291,12 @@ void lattice_quantiles(std::span<const double> nodes, std::span<const double> we
   }
 }
 
-std::vector<Eigen::Index> equal_draws(const Eigen::Ref<const Eigen::VectorXd>& weights, Eigen::Index count) {
+std::vector<Index> equal_draws(const Eigen::Ref<const Eigen::VectorXd>& weights, Index count) {
   return draws_in_order(weights, reversed_bits(weights.size()), count);
 }
 
-std::vector<Eigen::Index> equal_draws_along(const Eigen::Ref<const Eigen::VectorXd>& values,
-                                            const Eigen::Ref<const Eigen::VectorXd>& weights,
-                                            Eigen::Index count) {
+std::vector<Index> equal_draws_along(const Eigen::Ref<const Eigen::VectorXd>& values,
+                                     const Eigen::Ref<const Eigen::VectorXd>& weights, Index count) {
   // Sorted into bins: 256 to a standard deviation.
   constexpr std::size_t k_bins = 4096;
   constexpr double k_deviations = 8;
@@ -305,22 +304,21 @@ std::vector<Eigen::Index> equal_draws_along(const Eigen::Ref<const Eigen::Vector
   const double deviation =
       std::sqrt((weights.array() * (values.array() - mean).square()).sum() / weights.sum());
   const double low = mean - k_deviations * deviation, per_unit = k_bins / (2 * k_deviations * deviation);
-  const auto bin_of = [&](Eigen::Index i) {
+  const auto bin_of = [&](Index i) {
     const double place = (values[i] - low) * per_unit;
     return place > 0 ? static_cast<std::size_t>(std::min(place, k_bins - 1.0)) : 0;
   };
   std::vector<std::size_t> next(k_bins + 1, 0);
-  for (Eigen::Index i = 0; i < values.size(); ++i) ++next[bin_of(i) + 1];
+  for (Index i = 0; i < values.size(); ++i) ++next[bin_of(i) + 1];
   std::partial_sum(next.begin(), next.end(), next.begin());
-  std::vector<Eigen::Index> order(static_cast<std::size_t>(values.size()));
-  for (Eigen::Index i = 0; i < values.size(); ++i) order[next[bin_of(i)]++] = i;
+  std::vector<Index> order(values.size());
+  for (Index i = 0; i < values.size(); ++i) order[next[bin_of(i)]++] = i;
   return draws_in_order(weights, order, count);
 }
 
 Eigen::MatrixXd resample(const Eigen::Ref<const Eigen::MatrixXd>& points,
-                         const Eigen::Ref<const Eigen::VectorXd>& weights, Eigen::Index count,
-                         std::uint64_t seed) {
-  std::vector<Eigen::Index> chosen = equal_draws(weights, count);
+                         const Eigen::Ref<const Eigen::VectorXd>& weights, Index count, std::uint64_t seed) {
+  std::vector<Index> chosen = equal_draws(weights, count);
   std::mt19937_64 random(seed);
   // Not std::shuffle, whose order is the library's affair.
   for (std::size_t k = chosen.size(); k > 1; --k) std::swap(chosen[k - 1], chosen[random() % k]);

@@ -6,6 +6,8 @@
 #include <span>
 #include <vector>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::numerics {
 
 /// Levels at which quantiles are given, in lines, files and figures.
@@ -77,17 +79,16 @@ void lattice_quantiles(std::span<const double> nodes, std::span<const double> we
 /// `count` draws that weigh the same, by index, from weighted points (weights ≥ 0, any positive sum): those
 /// at the cumulative weights (k + ½)/count, the points taken in the order of `reversed_bits`, because every
 /// k-th point of a low-discrepancy sequence would lie in one part of the first coordinate.
-[[nodiscard]] std::vector<Eigen::Index> equal_draws(const Eigen::Ref<const Eigen::VectorXd>& weights,
-                                                    Eigen::Index count);
+[[nodiscard]] std::vector<Index> equal_draws(const Eigen::Ref<const Eigen::VectorXd>& weights, Index count);
 /// The same with the points taken in the order of `values` (n, one for each): of what hardly depends on more
 /// than these the draws have the distribution of all points.
-[[nodiscard]] std::vector<Eigen::Index> equal_draws_along(const Eigen::Ref<const Eigen::VectorXd>& values,
-                                                          const Eigen::Ref<const Eigen::VectorXd>& weights,
-                                                          Eigen::Index count);
+[[nodiscard]] std::vector<Index> equal_draws_along(const Eigen::Ref<const Eigen::VectorXd>& values,
+                                                   const Eigen::Ref<const Eigen::VectorXd>& weights,
+                                                   Index count);
 
 /// Those draws, count × d, shuffled by the seed, so that any part of them is a sample too.
 [[nodiscard]] Eigen::MatrixXd resample(const Eigen::Ref<const Eigen::MatrixXd>& points,
-                                       const Eigen::Ref<const Eigen::VectorXd>& weights, Eigen::Index count,
+                                       const Eigen::Ref<const Eigen::VectorXd>& weights, Index count,
                                        std::uint64_t seed);
 
 }  // namespace knothe::numerics

@@ -15,10 +15,8 @@ namespace {
 /// Probabilities of the binomial law by a table of logarithms of factorials.
 class Binomial {
  public:
-  explicit Binomial(int n) : log_factorial_(static_cast<std::size_t>(n) + 1, 0.0) {
-    for (int k = 2; k <= n; ++k)
-      log_factorial_[static_cast<std::size_t>(k)] =
-          log_factorial_[static_cast<std::size_t>(k) - 1] + std::log(static_cast<double>(k));
+  explicit Binomial(int n) : log_factorial_(n + 1, 0.0) {
+    for (int k = 2; k <= n; ++k) log_factorial_[k] = log_factorial_[k - 1] + std::log(k);
   }
   [[nodiscard]] double probability(int n, int k, double log_p, double log_1_minus_p) const {
     return std::exp(table(n) - table(k) - table(n - k) + k * log_p + (n - k) * log_1_minus_p);
@@ -34,7 +32,7 @@ class Binomial {
   }
 
  private:
-  [[nodiscard]] double table(int k) const { return log_factorial_[static_cast<std::size_t>(k)]; }
+  [[nodiscard]] double table(int k) const { return log_factorial_[k]; }
   std::vector<double> log_factorial_;
 };
 
@@ -50,18 +48,17 @@ void set_limits(const Binomial& binomial, double pointwise_level, EcdfBand& band
 /// P(lower_i ≤ R_i ≤ upper_i for all i): R_{i+1} − R_i given R_i is binomial among the values still above.
 double coverage_of(const Binomial& binomial, const EcdfBand& band) {
   const int n = band.values;
-  std::vector<double> now(static_cast<std::size_t>(n) + 1, 0.0), next;
+  std::vector<double> now(n + 1, 0.0), next;
   now[0] = 1;
   int low = 0, high = 0;
   double at = 0;
   for (Eigen::Index i = 0; i < band.at.size(); ++i) {
     const double share = (band.at[i] - at) / (1 - at);
     const double log_p = std::log(share), log_1_minus_p = std::log1p(-share);
-    next.assign(static_cast<std::size_t>(n) + 1, 0.0);
+    next.assign(n + 1, 0.0);
     for (int r = low; r <= high; ++r)
       for (int to = std::max(r, band.lower[i]); to <= band.upper[i]; ++to)
-        next[static_cast<std::size_t>(to)] +=
-            now[static_cast<std::size_t>(r)] * binomial.probability(n - r, to - r, log_p, log_1_minus_p);
+        next[to] += now[r] * binomial.probability(n - r, to - r, log_p, log_1_minus_p);
     now.swap(next);
     low = band.lower[i], high = band.upper[i], at = band.at[i];
   }
@@ -97,7 +94,7 @@ EcdfBand simultaneous_ecdf_band(int n, int intervals, double level) {
 }
 
 double EcdfBand::excess(std::span<const double> sample) const {
-  if (static_cast<int>(sample.size()) != values)
+  if (std::ssize(sample) != values)
     throw UsageError(fmt::format("ECDF band is for {} values, {} are given", values, sample.size()));
   if (!std::all_of(sample.begin(), sample.end(), [](double u) { return u >= 0 && u <= 1; }))
     throw UsageError("ECDF band: a value lies outside [0, 1]");
@@ -105,8 +102,7 @@ double EcdfBand::excess(std::span<const double> sample) const {
   std::sort(sorted.begin(), sorted.end());
   int worst = -values;
   for (Eigen::Index i = 0; i < at.size(); ++i) {
-    const int count =
-        static_cast<int>(std::upper_bound(sorted.begin(), sorted.end(), at[i]) - sorted.begin());
+    const int count = std::upper_bound(sorted.begin(), sorted.end(), at[i]) - sorted.begin();
     worst = std::max({worst, lower[i] - count, count - upper[i]});
   }
   return static_cast<double>(worst) / values;

@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/reduction/compress/quantity_scales.hpp"
 #include "knothe/reduction/compress/separation.hpp"
@@ -38,7 +39,7 @@ double squared_norm(const Snapshots& snapshots, const Deviation& deviation) {
 /// The first `modes` parameter functions, whatever they leave out.
 SpaceSearch search_for(std::size_t modes, const CompressionOptions& options) {
   return {.allowed = std::numeric_limits<double>::infinity(),
-          .at_least = static_cast<Eigen::Index>(modes),
+          .at_least = static_cast<Index>(modes),
           .converge = true,
           .seed = options.seed};
 }
@@ -59,13 +60,13 @@ ModelContents compress_tree(const Snapshots& snapshots, const Deviation& deviati
   double floor = TreeSeparation::k_rounding;
   while (true) {
     const TreeSeparation separation(deviation, product, dominant_space(unfolding, search), options, floor);
-    const Eigen::Index modes = separation.modes();
-    separation.fill(model, static_cast<std::size_t>(modes));
+    const Index modes = separation.modes();
+    separation.fill(model, modes);
     const ModelError error = training_error(model, snapshots, options.threads);
     set_errors(model, error);
     const bool all = modes == std::min(unfolding.rows(), unfolding.cols()) && floor == 0.0;
     if (options.modes != 0 || good_enough(error, options.tolerance) || all) return model;
-    search.at_least = modes + std::max<Eigen::Index>(1, modes / 8);
+    search.at_least = modes + std::max<Index>(1, modes / 8);
     floor = floor > 1e-18 ? 1e-4 * floor : 0.0;
   }
 }

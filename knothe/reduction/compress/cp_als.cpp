@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "knothe/base/index.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
 
 namespace knothe::reduction {
@@ -13,9 +14,9 @@ namespace {
 /// Columns ⊗_{k ≥ 1} factors[k].col(c), the last index fastest: (n₁ … n_D) × m.
 Eigen::MatrixXd khatri_rao(const std::vector<Eigen::MatrixXd>& factors) {
   Eigen::MatrixXd result = factors[1];
-  for (std::size_t k = 2; k < factors.size(); ++k) {
+  for (Index k = 2; k < std::ssize(factors); ++k) {
     Eigen::MatrixXd next(result.rows() * factors[k].rows(), result.cols());
-    for (Eigen::Index c = 0; c < result.cols(); ++c) {
+    for (Index c = 0; c < result.cols(); ++c) {
       const Eigen::MatrixXd outer = factors[k].col(c) * result.col(c).transpose();
       next.col(c) = outer.reshaped();
     }
@@ -25,10 +26,10 @@ Eigen::MatrixXd khatri_rao(const std::vector<Eigen::MatrixXd>& factors) {
 }
 
 /// Hadamard product of the Gram matrices of all factors but `left_out`.
-Eigen::MatrixXd gram_of_others(const std::vector<Eigen::MatrixXd>& factors, std::size_t left_out) {
-  const Eigen::Index m = factors.front().cols();
+Eigen::MatrixXd gram_of_others(const std::vector<Eigen::MatrixXd>& factors, Index left_out) {
+  const Index m = factors.front().cols();
   Eigen::MatrixXd gram = Eigen::MatrixXd::Ones(m, m);
-  for (std::size_t k = 0; k < factors.size(); ++k) {
+  for (Index k = 0; k < std::ssize(factors); ++k) {
     if (k != left_out) gram.array() *= (factors[k].transpose() * factors[k]).array();
   }
   return gram;
@@ -44,15 +45,14 @@ Eigen::MatrixXd solve(const Eigen::MatrixXd& gram, const Eigen::MatrixXd& right_
 
 /// `slice` [n₁, …, n_D] contracted with column c of all factors but `kept` (numbered from 1).
 Eigen::VectorXd contract_all_but(const Eigen::Ref<const Eigen::VectorXd>& slice,
-                                 const std::vector<Eigen::MatrixXd>& factors, std::size_t kept,
-                                 Eigen::Index c) {
+                                 const std::vector<Eigen::MatrixXd>& factors, std::size_t kept, Index c) {
   Eigen::VectorXd rest = slice;
   for (std::size_t k = factors.size() - 1; k > kept; --k) {  // the last index is contiguous
-    const Eigen::Index n = factors[k].rows();
+    const Index n = factors[k].rows();
     rest = (rest.reshaped(n, rest.size() / n).transpose() * factors[k].col(c)).eval();
   }
   for (std::size_t k = 1; k < kept; ++k) {  // now the first index has the largest stride
-    const Eigen::Index n = factors[k].rows();
+    const Index n = factors[k].rows();
     rest = (rest.reshaped(rest.size() / n, n) * factors[k].col(c)).eval();
   }
   return rest;
@@ -73,14 +73,14 @@ double sweep(const CoreTensor& tensor, double squared_norm, std::vector<Eigen::M
   normalise(factors[0]);
   const Eigen::MatrixXd contracted = tensor.unfolded.transpose() * factors[0];  // (n₁ … n_D) × m
   double squared_error = 0.0;
-  for (std::size_t k = 1; k < factors.size(); ++k) {
+  for (Index k = 1; k < std::ssize(factors); ++k) {
     Eigen::MatrixXd right_side(factors[k].rows(), factors[k].cols());
-    for (Eigen::Index c = 0; c < right_side.cols(); ++c) {
+    for (Index c = 0; c < right_side.cols(); ++c) {
       right_side.col(c) = contract_all_but(contracted.col(c), factors, k, c);
     }
     const Eigen::MatrixXd gram = gram_of_others(factors, k);
     factors[k] = solve(gram, right_side);
-    if (k + 1 < factors.size()) {
+    if (k + 1 < std::ssize(factors)) {
       normalise(factors[k]);
     } else {
       const double inner = right_side.cwiseProduct(factors[k]).sum();
@@ -108,10 +108,10 @@ CpFactors als(const CoreTensor& tensor, CpFactors start, std::size_t max_sweeps)
   return start;
 }
 
-CpFactors random_start(const CoreTensor& tensor, Eigen::Index modes, std::uint64_t seed) {
+CpFactors random_start(const CoreTensor& tensor, Index modes, std::uint64_t seed) {
   CpFactors cp;
   cp.factors.push_back(normal_matrix(tensor.unfolded.rows(), modes, seed));
-  for (std::size_t k = 0; k < tensor.others.size(); ++k) {
+  for (Index k = 0; k < std::ssize(tensor.others); ++k) {
     cp.factors.push_back(normal_matrix(tensor.others[k], modes, seed + 1000003 * (k + 1)));
   }
   for (auto& factor : cp.factors) normalise(factor);
@@ -124,7 +124,7 @@ CpFactors with_one_more_mode(const CoreTensor& tensor, const CpFactors& start, s
   CpFactors mode = als(rest, random_start(rest, 1, seed), 30);
   if (start.factors.empty()) return mode;
   CpFactors grown = start;
-  for (std::size_t k = 0; k < grown.factors.size(); ++k) {
+  for (Index k = 0; k < std::ssize(grown.factors); ++k) {
     grown.factors[k].conservativeResize(Eigen::NoChange, start.modes() + 1);
     grown.factors[k].rightCols(1) = mode.factors[k];
   }

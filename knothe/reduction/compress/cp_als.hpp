@@ -6,12 +6,14 @@
 #include <cstdint>
 #include <vector>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::reduction {
 
 /// A tensor [n₀, n₁, …, n_D]: n₀ × (n₁ … n_D), the columns in C order of the other indices.
 struct CoreTensor {
   Eigen::MatrixXd unfolded;
-  std::vector<Eigen::Index> others;  ///< n₁, …, n_D
+  std::vector<Index> others;  ///< n₁, …, n_D
 };
 
 /// Σ_c ⊗_k factors[k].col(c).
@@ -19,7 +21,7 @@ struct CpFactors {
   std::vector<Eigen::MatrixXd> factors;  ///< n_k × m each
   double error = 0.0;                    ///< Frobenius norm of the difference to the tensor
   std::size_t sweeps = 0;                ///< done
-  [[nodiscard]] Eigen::Index modes() const { return factors.front().cols(); }
+  [[nodiscard]] Index modes() const { return factors.front().cols(); }
 };
 
 /// Sweeps from `start` until the error falls by less than the fraction 1e-5 in a sweep (5 times in a row), or
@@ -32,7 +34,7 @@ struct CpFactors {
                                            std::uint64_t seed);
 
 /// Random factors.
-[[nodiscard]] CpFactors random_start(const CoreTensor& tensor, Eigen::Index modes, std::uint64_t seed);
+[[nodiscard]] CpFactors random_start(const CoreTensor& tensor, Index modes, std::uint64_t seed);
 
 /// The tensor of the factors, unfolded as in CoreTensor.
 [[nodiscard]] Eigen::MatrixXd unfolded(const CpFactors& cp);

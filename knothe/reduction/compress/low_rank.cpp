@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <random>
 
+#include "knothe/base/index.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
 
@@ -12,23 +13,22 @@ namespace knothe::reduction {
 namespace {
 
 /// Rows or columns that one task multiplies; fixed, so that results do not depend on the number of threads.
-constexpr Eigen::Index k_block = 512;
+constexpr Index k_block = 512;
 
-std::size_t block_count(Eigen::Index n) {
-  return static_cast<std::size_t>((n + k_block - 1) / k_block);
+std::size_t block_count(Index n) {
+  return (n + k_block - 1) / k_block;
 }
 
 class DenseMatrix final : public LargeMatrix {
  public:
   DenseMatrix(const Eigen::Ref<const Eigen::MatrixXd>& matrix, std::size_t threads)
       : matrix_(matrix), threads_(threads) {}
-  [[nodiscard]] Eigen::Index rows() const override { return matrix_.rows(); }
-  [[nodiscard]] Eigen::Index cols() const override { return matrix_.cols(); }
+  [[nodiscard]] Index rows() const override { return matrix_.rows(); }
+  [[nodiscard]] Index cols() const override { return matrix_.cols(); }
   [[nodiscard]] Eigen::MatrixXd times(const Eigen::MatrixXd& b) const override {
     Eigen::MatrixXd result(matrix_.rows(), b.cols());
     parallel_for(block_count(matrix_.rows()), threads_, [&](std::size_t i) {
-      const Eigen::Index start = static_cast<Eigen::Index>(i) * k_block,
-                         n = std::min(k_block, matrix_.rows() - start);
+      const Index start = i * k_block, n = std::min(k_block, matrix_.rows() - start);
       result.middleRows(start, n).noalias() = matrix_.middleRows(start, n) * b;
     });
     return result;
@@ -36,8 +36,7 @@ class DenseMatrix final : public LargeMatrix {
   [[nodiscard]] Eigen::MatrixXd transposed_times(const Eigen::MatrixXd& b) const override {
     Eigen::MatrixXd result(matrix_.cols(), b.cols());
     parallel_for(block_count(matrix_.cols()), threads_, [&](std::size_t i) {
-      const Eigen::Index start = static_cast<Eigen::Index>(i) * k_block,
-                         n = std::min(k_block, matrix_.cols() - start);
+      const Index start = i * k_block, n = std::min(k_block, matrix_.cols() - start);
       result.middleRows(start, n).noalias() = matrix_.middleCols(start, n).transpose() * b;
     });
     return result;
@@ -73,14 +72,12 @@ DominantSpace whole_space(const LargeMatrix& a, double total) {
 }
 
 /// Smallest number of columns that `search` is content with.
-Eigen::Index columns_for(const DominantSpace& space, const SpaceSearch& search) {
-  return std::max<Eigen::Index>({1, space.rank_for(search.allowed),
-                                 std::min(search.at_least, static_cast<Eigen::Index>(space.energy.size()))});
+Index columns_for(const DominantSpace& space, const SpaceSearch& search) {
+  return std::max<Index>({1, space.rank_for(search.allowed), std::min(search.at_least, space.energy.size())});
 }
 
 /// The best of `columns` random directions.
-DominantSpace searched_space(const LargeMatrix& a, Eigen::Index columns, double total,
-                             const SpaceSearch& search) {
+DominantSpace searched_space(const LargeMatrix& a, Index columns, double total, const SpaceSearch& search) {
   constexpr int k_max_iterations = 20;
   Eigen::MatrixXd q = orthonormal_basis(a.times(normal_matrix(a.cols(), columns, search.seed)));
   Eigen::MatrixXd projected = a.transposed_times(q);
@@ -88,7 +85,7 @@ DominantSpace searched_space(const LargeMatrix& a, Eigen::Index columns, double 
   for (int i = 0; i < k_max_iterations; ++i) {
     q = orthonormal_basis(a.times(projected));
     projected = a.transposed_times(q);
-    const Eigen::Index l = columns_for(space, search);
+    const Index l = columns_for(space, search);
     const double before = space.energy.head(l).sum();
     space = rotated(q, projected, total);
     const double gained = space.energy.head(l).sum() - before;
@@ -100,12 +97,12 @@ DominantSpace searched_space(const LargeMatrix& a, Eigen::Index columns, double 
 }  // namespace
 
 Eigen::MatrixXd orthonormal_basis(const Eigen::Ref<const Eigen::MatrixXd>& a) {
-  const Eigen::Index n = std::min(a.rows(), a.cols());
+  const Index n = std::min(a.rows(), a.cols());
   const Eigen::HouseholderQR<Eigen::MatrixXd> qr(a);
   return qr.householderQ() * Eigen::MatrixXd::Identity(a.rows(), n);
 }
 
-Eigen::MatrixXd normal_matrix(Eigen::Index rows, Eigen::Index columns, std::uint64_t seed) {
+Eigen::MatrixXd normal_matrix(Index rows, Index columns, std::uint64_t seed) {
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
   Eigen::MatrixXd result(rows, columns);
@@ -118,24 +115,24 @@ FallingEigenpairs falling_eigenpairs(const Eigen::Ref<const Eigen::MatrixXd>& gr
   return {solver.eigenvalues().reverse().cwiseMax(0.0), solver.eigenvectors().rowwise().reverse()};
 }
 
-Eigen::Index DominantSpace::rank_for(double allowed) const {
+Index DominantSpace::rank_for(double allowed) const {
   // Summed from the small end: differences of the large numbers would drown it in rounding.
   double sum = rest;
-  Eigen::Index l = energy.size();
+  Index l = energy.size();
   while (l > 0 && sum + energy[l - 1] <= allowed) sum += energy[--l];
   return l;
 }
 
 DominantSpace dominant_space(const LargeMatrix& a, const SpaceSearch& search) {
-  constexpr Eigen::Index k_direct = 128;  // up to here all directions are kept, there is nothing to search
-  const Eigen::Index most = std::min(a.rows(), a.cols());
+  constexpr Index k_direct = 128;  // up to here all directions are kept, there is nothing to search
+  const Index most = std::min(a.rows(), a.cols());
   const double total = a.squared_norm();
-  Eigen::Index columns = k_direct;
+  Index columns = k_direct;
   while (columns < 2 * search.at_least) columns *= 2;
   for (;; columns *= 2) {
     DominantSpace space = columns >= most ? whole_space(a, total) : searched_space(a, columns, total, search);
     if (columns < most && space.rest > 0.25 * search.allowed) continue;
-    const Eigen::Index l = columns_for(space, search);
+    const Index l = columns_for(space, search);
     space.rest = space.rest_from(l);
     space.basis.conservativeResize(Eigen::NoChange, l);
     space.energy.conservativeResize(l);

@@ -3,6 +3,8 @@
 #include <Eigen/Core>
 #include <cstdint>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::reduction {
 
 /// An orthonormal basis of the dominant left singular vectors of A.
@@ -13,17 +15,17 @@ struct DominantSpace {
   double rest = 0.0;       ///< ‖A − U Uᵀ A‖²
 
   /// ‖A − P_l A‖².
-  [[nodiscard]] double rest_from(Eigen::Index l) const { return rest + energy.tail(energy.size() - l).sum(); }
+  [[nodiscard]] double rest_from(Index l) const { return rest + energy.tail(energy.size() - l).sum(); }
   /// Smallest l with ‖A − P_l A‖² ≤ `allowed`; all columns if none.
-  [[nodiscard]] Eigen::Index rank_for(double allowed) const;
+  [[nodiscard]] Index rank_for(double allowed) const;
 };
 
 /// A matrix that is never formed: known by its products.
 class LargeMatrix {
  public:
   virtual ~LargeMatrix() = default;
-  [[nodiscard]] virtual Eigen::Index rows() const = 0;
-  [[nodiscard]] virtual Eigen::Index cols() const = 0;
+  [[nodiscard]] virtual Index rows() const = 0;
+  [[nodiscard]] virtual Index cols() const = 0;
   [[nodiscard]] virtual Eigen::MatrixXd times(const Eigen::MatrixXd& b) const = 0;             ///< A B
   [[nodiscard]] virtual Eigen::MatrixXd transposed_times(const Eigen::MatrixXd& b) const = 0;  ///< Aᵀ B
   [[nodiscard]] virtual Eigen::MatrixXd gram() const = 0;  ///< A Aᵀ, asked for where A has few rows
@@ -32,8 +34,8 @@ class LargeMatrix {
 
 /// How much of a matrix its dominant space is to hold.
 struct SpaceSearch {
-  double allowed = 0.0;       ///< columns enough that ‖A − U Uᵀ A‖² is at most this, or all
-  Eigen::Index at_least = 0;  ///< columns that are wanted in any case
+  double allowed = 0.0;  ///< columns enough that ‖A − U Uᵀ A‖² is at most this, or all
+  Index at_least = 0;    ///< columns that are wanted in any case
   /// Iterates until the columns are the singular vectors themselves, not only a space as good as asked for.
   bool converge = false;
   std::uint64_t seed = 1;
@@ -57,6 +59,6 @@ struct FallingEigenpairs {
 [[nodiscard]] FallingEigenpairs falling_eigenpairs(const Eigen::Ref<const Eigen::MatrixXd>& gram);
 
 /// Random entries, standard normal, the same on every machine with the same library.
-[[nodiscard]] Eigen::MatrixXd normal_matrix(Eigen::Index rows, Eigen::Index columns, std::uint64_t seed);
+[[nodiscard]] Eigen::MatrixXd normal_matrix(Index rows, Index columns, std::uint64_t seed);
 
 }  // namespace knothe::reduction

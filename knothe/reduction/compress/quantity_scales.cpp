@@ -4,12 +4,14 @@
 
 #include <cmath>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::reduction {
 namespace {
 
 /// Rows of n_dof values, each multiplied or divided.
 void scale_rows(std::vector<double>& rows, const std::vector<double>& scales, bool divide) {
-  for (std::size_t i = 0; i < rows.size(); ++i) {
+  for (Index i = 0; i < std::ssize(rows); ++i) {
     const double scale = scales[i % scales.size()];
     rows[i] = divide ? rows[i] / scale : rows[i] * scale;
   }
@@ -21,7 +23,7 @@ double scale_of(const std::vector<double>& values, std::size_t times) {
   double variation = 0, size = 0;
   for (std::size_t t = 0; t < times; ++t) {
     double mean = 0;
-    for (std::size_t g = 0; g < grid; ++g) mean += values[g * times + t] / static_cast<double>(grid);
+    for (std::size_t g = 0; g < grid; ++g) mean += values[g * times + t] / grid;
     for (std::size_t g = 0; g < grid; ++g) {
       const double value = values[g * times + t];
       variation += (value - mean) * (value - mean);
@@ -29,7 +31,7 @@ double scale_of(const std::vector<double>& values, std::size_t times) {
     }
   }
   const double square = variation > 1e-24 * size ? variation : size;
-  return square > 0 ? std::sqrt(square / static_cast<double>(values.size())) : 1.0;
+  return square > 0 ? std::sqrt(square / values.size()) : 1.0;
 }
 
 }  // namespace

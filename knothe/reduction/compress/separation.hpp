@@ -2,6 +2,7 @@
 /// @file The two separations of u − u_lift, as models with any number of modes. Private to this room.
 #include <Eigen/Core>
 
+#include "knothe/base/index.hpp"
 #include "knothe/reduction/compress/compression.hpp"
 #include "knothe/reduction/compress/cp_als.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
@@ -24,8 +25,8 @@ class ParameterUnfolding final : public LargeMatrix {
  public:
   ParameterUnfolding(const Deviation& deviation, const ParameterProduct& product, std::size_t threads)
       : deviation_(deviation), product_(product), threads_(threads) {}
-  [[nodiscard]] Eigen::Index rows() const override { return deviation_.grid(); }
-  [[nodiscard]] Eigen::Index cols() const override { return deviation_.times() * deviation_.dofs(); }
+  [[nodiscard]] Index rows() const override { return deviation_.grid(); }
+  [[nodiscard]] Index cols() const override { return deviation_.times() * deviation_.dofs(); }
   [[nodiscard]] Eigen::MatrixXd times(const Eigen::MatrixXd& b) const override;
   [[nodiscard]] Eigen::MatrixXd transposed_times(const Eigen::MatrixXd& b) const override;
   [[nodiscard]] Eigen::MatrixXd gram() const override;
@@ -47,7 +48,7 @@ class TreeSeparation {
   /// What Gram matrices resolve: squares lose half the digits.
   static constexpr double k_rounding = 1e-14;
   /// The number it is ready for.
-  [[nodiscard]] Eigen::Index modes() const { return grid_.basis.cols(); }
+  [[nodiscard]] Index modes() const { return grid_.basis.cols(); }
   /// The modes numbered below r; the space basis is as long as the truncation of p deserves.
   void fill(ModelContents& model, std::size_t r) const;
 

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "knothe/base/index.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/reduction/compress/separation.hpp"
 
@@ -37,7 +38,7 @@ Eigen::MatrixXd ParameterUnfolding::transposed_times(const Eigen::MatrixXd& b) c
   // n_dof × (n_t columns) as (n_t n_dof) × columns.
   const Eigen::MatrixXd by_time = deviation_.projected(product_.times(b), threads_);
   Eigen::MatrixXd result(cols(), b.cols());
-  for (Eigen::Index t = 0; t < deviation_.times(); ++t)
+  for (Index t = 0; t < deviation_.times(); ++t)
     result.middleRows(t * deviation_.dofs(), deviation_.dofs()) = by_time.middleCols(t * b.cols(), b.cols());
   return result;
 }
@@ -48,9 +49,9 @@ Eigen::MatrixXd ParameterUnfolding::gram() const {
 }
 
 double ParameterUnfolding::squared_norm() const {
-  std::vector<double> by_time(static_cast<std::size_t>(deviation_.times()));
+  std::vector<double> by_time(deviation_.times());
   parallel_for(by_time.size(), threads_, [&](std::size_t i) {
-    const auto t = static_cast<Eigen::Index>(i);
+    const Index t = i;
     by_time[i] =
         deviation_.time_weights()[t] * product_.transposed_times(deviation_.at_time(t)).squaredNorm();
   });
@@ -68,30 +69,30 @@ TreeSeparation::TreeSeparation(const Deviation& deviation, const ParameterProduc
 }
 
 void TreeSeparation::fill(ModelContents& model, std::size_t modes) const {
-  const Eigen::Index r = std::min(static_cast<Eigen::Index>(modes), grid_.basis.cols());
-  const Eigen::Index times = deviation_.times(), dofs = deviation_.dofs();
+  const Index r = std::min<Index>(modes, grid_.basis.cols());
+  const Index times = deviation_.times(), dofs = deviation_.dofs();
   const double allowed = std::max(k_space_share * grid_.rest_from(r), floor_);
-  const Eigen::Index l = std::clamp<Eigen::Index>(space_.rank_for(allowed), 1, space_.basis.cols());
+  const Index l = std::clamp<Index>(space_.rank_for(allowed), 1, space_.basis.cols());
   model.form = Form::tree;
-  model.space_modes = static_cast<std::size_t>(l);
-  model.parameter_modes = static_cast<std::size_t>(r);
+  model.space_modes = l;
+  model.parameter_modes = r;
   model.space.assign(space_.basis.data(), space_.basis.data() + l * dofs);
-  model.temporal.resize(static_cast<std::size_t>(times * l * r));
-  for (Eigen::Index t = 0; t < times; ++t) {
+  model.temporal.resize(times * l * r);
+  for (Index t = 0; t < times; ++t) {
     Eigen::Map<RowMatrix>(model.temporal.data() + t * l * r, l, r) =
         core_.block(0, t * grid_.basis.cols(), l, r) / std::sqrt(deviation_.time_weights()[t]);
   }
   // β_k at the nodes, orthonormal in the inner product over the parameters.
-  model.joint.resize(static_cast<std::size_t>(r * deviation_.grid()));
+  model.joint.resize(r * deviation_.grid());
   Eigen::Map<RowMatrix> joint(model.joint.data(), r, deviation_.grid());
   joint = product_.at_nodes(grid_.basis.leftCols(r)).transpose();
   // Signs: every β_k has its largest value positive, so that equal data give equal files.
-  for (Eigen::Index k = 0; k < r; ++k) {
-    Eigen::Index at = 0;
+  for (Index k = 0; k < r; ++k) {
+    Index at = 0;
     joint.row(k).cwiseAbs().maxCoeff(&at);
     if (joint(k, at) > 0.0) continue;
     joint.row(k) *= -1.0;
-    for (Eigen::Index t = 0; t < times; ++t) {
+    for (Index t = 0; t < times; ++t) {
       Eigen::Map<RowMatrix>(model.temporal.data() + t * l * r, l, r).col(k) *= -1.0;
     }
   }

@@ -3,12 +3,14 @@
 #include <Eigen/Core>
 #include <span>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::reduction {
 
 /// Nodes `begin` … `end` − 1 of the last axis. `row` numbers the rows along it: with two variables the node
 /// of the first axis, with three that of the second fastest. Their values begin at `at`.
 struct GridRun {
-  Eigen::Index row, begin, end, at;
+  Index row, begin, end, at;
 };
 
 /// A real function of one to three variables that is cheaper on a tensor grid than point by point.
@@ -32,12 +34,12 @@ class GridEvaluator {
 /// axis.
 [[nodiscard]] inline Eigen::MatrixXd nodes_of(const Eigen::Ref<const Eigen::MatrixXd>& axes,
                                               std::span<const GridRun> runs) {
-  const Eigen::Index last = axes.cols() - 1;
+  const Index last = axes.cols() - 1;
   Eigen::MatrixXd points(runs.empty() ? 0 : runs.back().at + runs.back().end - runs.back().begin,
                          axes.cols());
   for (const GridRun& run : runs) {
-    const Eigen::Index n = run.end - run.begin;
-    for (Eigen::Index k = last - 1, rest = run.row; k >= 0; --k, rest /= axes.rows())
+    const Index n = run.end - run.begin;
+    for (Index k = last - 1, rest = run.row; k >= 0; --k, rest /= axes.rows())
       points.col(k).segment(run.at, n).setConstant(axes(rest % axes.rows(), k));
     points.col(last).segment(run.at, n) = axes.col(last).segment(run.begin, n);
   }

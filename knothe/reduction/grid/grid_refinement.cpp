@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/functions/cubic_spline.hpp"
 
 namespace knothe::reduction {
@@ -14,7 +15,7 @@ double surplus_at(const Snapshots& snapshots, std::size_t axis, std::size_t node
                   std::span<const std::size_t> dofs) {
   const std::vector<double>& all = snapshots.axes[axis].nodes;
   std::vector<double> others = all;
-  others.erase(others.begin() + static_cast<std::ptrdiff_t>(node));
+  others.erase(others.begin() + node);
   const Eigen::VectorXd weights = numerics::CubicSplineBasis(others).cardinal_weights(all[node]);
   std::size_t stride = 1;
   for (std::size_t i = axis + 1; i < snapshots.axes.size(); ++i) stride *= snapshots.axes[i].nodes.size();
@@ -23,7 +24,7 @@ double surplus_at(const Snapshots& snapshots, std::size_t axis, std::size_t node
   for (std::size_t point = 0; point < snapshots.grid_size(); ++point) {
     if (point / stride % all.size() != node) continue;
     const std::size_t first = point - node * stride;  // the line's node 0
-    for (std::size_t step = 0; step < snapshots.time.size(); ++step)
+    for (Index step = 0; step < std::ssize(snapshots.time); ++step)
       for (const std::size_t dof : dofs) {
         double miss = snapshots.solution(point)[step * n_dof + dof];
         for (std::size_t k = 0; k < others.size(); ++k) {
@@ -53,7 +54,7 @@ std::optional<WeakNode> weakest_node(const Snapshots& snapshots, std::span<const
 
 std::vector<Axis> refined(std::vector<Axis> axes, const WeakNode& weak) {
   std::vector<double>& nodes = axes[weak.axis].nodes;
-  const auto at = nodes.begin() + static_cast<std::ptrdiff_t>(weak.node);
+  const auto at = nodes.begin() + weak.node;
   const double before = 0.5 * (at[-1] + at[0]), after = 0.5 * (at[0] + at[1]);
   nodes.insert(nodes.insert(at, before) + 2, after);
   return axes;

@@ -4,6 +4,7 @@
 #include <numeric>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
 #include "knothe/reduction/compress/separation.hpp"
@@ -12,15 +13,14 @@
 
 namespace knothe::reduction {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 
 namespace {
 
 /// Values of one grid point: dofs or coordinates × n_t.
 Eigen::Map<const MatrixXd> stored(const Snapshots& snapshots, std::size_t point) {
-  return {snapshots.solution(point).data(), static_cast<Index>(snapshots.dof_count()),
-          static_cast<Index>(snapshots.time.size())};
+  return Eigen::Map<const MatrixXd>(snapshots.solution(point).data(), snapshots.dof_count(),
+                                    std::ssize(snapshots.time));
 }
 
 std::vector<double> as_vector(const MatrixXd& matrix) {
@@ -30,7 +30,7 @@ std::vector<double> as_vector(const MatrixXd& matrix) {
 /// Largest |Q e| of any column e: columns whose norm bounds it below what is found already are not expanded.
 double largest_on_dofs(const MatrixXd& basis, double longest_row, const MatrixXd& errors) {
   const Eigen::VectorXd norms = errors.colwise().norm();
-  std::vector<Index> order(static_cast<std::size_t>(norms.size()));
+  std::vector<Index> order(norms.size());
   std::iota(order.begin(), order.end(), Index{0});
   std::stable_sort(order.begin(), order.end(), [&](Index a, Index b) { return norms[a] > norms[b]; });
   double largest = 0;
@@ -104,7 +104,7 @@ Snapshots GridSolutions::at_dofs(std::span<const std::size_t> chosen) const {
 
 GridSolutions solutions_in_modes(Snapshots frame, const MatrixXd& modes,
                                  std::span<const MatrixXd> coordinates, const MatrixXd& lift) {
-  const auto times = static_cast<Index>(frame.time.size());
+  const auto times = std::ssize(frame.time);
   const auto fits = [&](const MatrixXd& c) { return c.rows() == modes.cols() && c.cols() == times; };
   if (coordinates.size() != frame.grid_size() || !fits(lift) ||
       !std::all_of(coordinates.begin(), coordinates.end(), fits))
@@ -119,7 +119,7 @@ GridSolutions solutions_in_modes(Snapshots frame, const MatrixXd& modes,
   result.snapshots.mesh.reset();
   result.snapshots.lift = as_vector(change * lift);
   result.snapshots.values.clear();
-  result.snapshots.values.reserve(static_cast<std::size_t>(change.rows() * times) * coordinates.size());
+  result.snapshots.values.reserve(change.rows() * times * coordinates.size());
   for (const MatrixXd& c : coordinates) {
     const MatrixXd values = change * c;
     result.snapshots.values.insert(result.snapshots.values.end(), values.data(),

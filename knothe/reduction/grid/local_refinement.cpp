@@ -11,6 +11,7 @@
 #include <set>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
@@ -20,7 +21,6 @@
 
 namespace knothe::reduction {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
@@ -87,13 +87,13 @@ MatrixXd ScatteredInterpolation::functions(const Eigen::Ref<const MatrixXd>& at)
 namespace {
 
 VectorXd as_vector(std::span<const double> values) {
-  return Eigen::Map<const VectorXd>(values.data(), static_cast<Index>(values.size()));
+  return Eigen::Map<const VectorXd>(values.data(), std::ssize(values));
 }
 
 /// Interval of the nodes that holds x, as the index of its left end.
 std::size_t interval_of(std::span<const double> nodes, double x) {
   const auto after = std::upper_bound(nodes.begin() + 1, nodes.end() - 1, x);
-  return static_cast<std::size_t>(after - nodes.begin()) - 1;
+  return after - nodes.begin() - 1;
 }
 
 /// The solutions as the base sees them.
@@ -113,7 +113,7 @@ void require_same_shape(const ModelContents& base, const Snapshots& solution) {
   };
   require(solution.grid_size() == 1 && solution.axes.size() == base.axes.size(),
           fmt::format("it is of {} parameters, the model of {}", solution.axes.size(), base.axes.size()));
-  for (std::size_t a = 0; a < base.axes.size(); ++a)
+  for (Index a = 0; a < std::ssize(base.axes); ++a)
     require(
         solution.axes[a].name == base.axes[a].name,
         fmt::format("its parameter {} is {}, the model's {}", a, solution.axes[a].name, base.axes[a].name));
@@ -125,8 +125,8 @@ void require_same_shape(const ModelContents& base, const Snapshots& solution) {
 
 MatrixXd output_errors(const SeparatedModel& model, const std::string& name,
                        std::span<const Snapshots> solutions) {
-  MatrixXd errors(static_cast<Index>(model.step_count()), static_cast<Index>(solutions.size()));
-  for (std::size_t i = 0; i < solutions.size(); ++i) {
+  MatrixXd errors(model.step_count(), std::ssize(solutions));
+  for (Index i = 0; i < std::ssize(solutions); ++i) {
     const auto& outputs = solutions[i].outputs;
     const auto found =
         std::find_if(outputs.begin(), outputs.end(), [&](const auto& o) { return o.name == name; });
@@ -151,10 +151,10 @@ VectorXd scales_of(const MatrixXd& errors, bool one_unit) {
 /// `base` as it is stored: the model adds its quantities to the outputs, and they are in the field already.
 KnownErrors errors_of(const SeparatedModel& model, const ModelContents& base,
                       std::span<const Snapshots> solutions) {
-  const auto k = static_cast<Index>(solutions.size()), times = static_cast<Index>(base.time.size());
-  const auto dofs = static_cast<Index>(base.dof_count());
+  const auto k = std::ssize(solutions), times = std::ssize(base.time);
+  const Index dofs = base.dof_count();
   KnownErrors known;
-  known.points.resize(k, static_cast<Index>(base.axes.size()));
+  known.points.resize(k, std::ssize(base.axes));
   MatrixXd all(dofs, k * times);
   for (Index i = 0; i < k; ++i) {
     const Snapshots& solution = solutions[i];
@@ -198,16 +198,15 @@ MatrixXd corners_around(std::span<const Axis> axes, const MatrixXd& points, cons
     for (std::size_t corner = 0; corner < (std::size_t{1} << d); ++corner) {
       std::vector<double> at;
       for (std::size_t a = 0; a < d; ++a)
-        at.push_back(
-            axes[a].nodes[interval_of(axes[a].nodes, points(i, static_cast<Index>(a))) + (corner >> a & 1)]);
+        at.push_back(axes[a].nodes[interval_of(axes[a].nodes, points(i, a)) + (corner >> a & 1)]);
       corners.insert(at);
     }
-  MatrixXd result(static_cast<Index>(corners.size()), static_cast<Index>(d));
+  MatrixXd result(std::ssize(corners), d);
   Index row = 0;
   for (const std::vector<double>& at : corners) result.row(row++) = as_vector(at).transpose();
   if (result.rows() <= k_max_corners) return result;
   const VectorXd far = squared_distances(result, centre.transpose(), cell_widths(axes, centre));
-  std::vector<Index> order(static_cast<std::size_t>(result.rows()));
+  std::vector<Index> order(result.rows());
   std::iota(order.begin(), order.end(), Index{0});
   std::stable_sort(order.begin(), order.end(), [&](Index i, Index j) { return far[i] < far[j]; });
   order.resize(k_max_corners);
@@ -258,7 +257,7 @@ ScatteredInterpolation best_interpolation(std::span<const Axis> axes, const Know
 /// Nodes, with cells between `lower` and `upper` divided into equal parts of at most `spacing`.
 std::vector<double> divided(const std::vector<double>& nodes, double lower, double upper, double spacing) {
   std::vector<double> result = {nodes.front()};
-  for (std::size_t i = 1; i < nodes.size(); ++i) {
+  for (Index i = 1; i < std::ssize(nodes); ++i) {
     const double left = nodes[i - 1], width = nodes[i] - left;
     const double parts = left < upper && nodes[i] > lower ? std::ceil(width / spacing) : 1;
     for (double part = 1; part < parts; ++part) result.push_back(left + width * part / parts);
@@ -270,9 +269,9 @@ std::vector<double> divided(const std::vector<double>& nodes, double lower, doub
 /// More nodes where the posterior is, and on the way to the old ones; not next to one that is there.
 std::vector<Axis> with_few_nodes_around(std::vector<Axis> axes, const Neighbourhood& at) {
   const std::vector<double> steps = axes.size() <= 5 ? std::vector<double>{-2, 0, 2} : std::vector<double>{0};
-  for (std::size_t k = 0; k < axes.size(); ++k) {
+  for (Index k = 0; k < std::ssize(axes); ++k) {
     std::vector<double>& nodes = axes[k].nodes;
-    const auto a = static_cast<Index>(k);
+    const Index a = k;
     const double std = at.std()[a];
     for (const double step : steps) {
       const double x = at.mean[a] + step * std;
@@ -301,8 +300,8 @@ std::vector<Axis> with_nodes_for(const std::vector<Axis>& axes, const MatrixXd& 
   const VectorXd spacing = k_spacing * kernel.lengths.cwiseMin(kernel.reach);
   for (double coarser = 1;; coarser *= 1.2) {
     std::vector<Axis> finer = axes;
-    for (std::size_t k = 0; k < axes.size(); ++k) {
-      const auto a = static_cast<Index>(k);
+    for (Index k = 0; k < std::ssize(axes); ++k) {
+      const Index a = k;
       const double beyond = k_reach * kernel.reach[a];
       finer[k].nodes = divided(axes[k].nodes, points.col(a).minCoeff() - beyond,
                                points.col(a).maxCoeff() + beyond, coarser * spacing[a]);
@@ -315,9 +314,8 @@ std::vector<Axis> with_nodes_for(const std::vector<Axis>& axes, const MatrixXd& 
 MatrixXd points_of(std::span<const Axis> axes) {
   Snapshots grid;
   grid.axes.assign(axes.begin(), axes.end());
-  MatrixXd points(static_cast<Index>(grid.grid_size()), static_cast<Index>(axes.size()));
-  for (Index g = 0; g < points.rows(); ++g)
-    points.row(g) = as_vector(grid.parameters_at(static_cast<std::size_t>(g))).transpose();
+  MatrixXd points(grid.grid_size(), std::ssize(axes));
+  for (Index g = 0; g < points.rows(); ++g) points.row(g) = as_vector(grid.parameters_at(g)).transpose();
   return points;
 }
 
@@ -340,12 +338,12 @@ void refine_field(const SeparatedModel& model, const KnownErrors& known, const M
   joint.bottomRows(k) = phi.transpose();
   result.joint.assign(joint.data(), joint.data() + joint.size());
   append(result.space, known.space);
-  result.space_modes = base.space_modes + static_cast<std::size_t>(q);
-  result.parameter_modes = static_cast<std::size_t>(r + k);
+  result.space_modes = base.space_modes + q;
+  result.parameter_modes = r + k;
   result.temporal.clear();
-  for (std::size_t t = 0; t < base.time.size(); ++t) {
-    RowMatrix core = RowMatrix::Zero(static_cast<Index>(base.space_modes) + q, r + k);
-    core.topLeftCorner(static_cast<Index>(base.space_modes), r) = core_of(base, t);
+  for (Index t = 0; t < std::ssize(base.time); ++t) {
+    RowMatrix core = RowMatrix::Zero(base.space_modes + q, r + k);
+    core.topLeftCorner(base.space_modes, r) = core_of(base, t);
     for (Index i = 0; i < k; ++i) core.col(r + i).tail(q) = known.fields[i].col(t);
     result.temporal.insert(result.temporal.end(), core.data(), core.data() + core.size());
   }
@@ -353,15 +351,13 @@ void refine_field(const SeparatedModel& model, const KnownErrors& known, const M
 
 void refine_outputs(const SeparatedModel& model, const KnownErrors& known, const MatrixXd& points,
                     const MatrixXd& phi, ModelContents& result) {
-  for (std::size_t o = 0; o < result.outputs.size(); ++o) {
+  for (Index o = 0; o < std::ssize(result.outputs); ++o) {
     std::vector<double>& values = result.outputs[o].values;
     values.clear();
     for (Index g = 0; g < points.rows(); ++g) {
       const VectorXd p = points.row(g).transpose();
       const VectorXd value =
-          as_vector(
-              model.evaluate_output(result.outputs[o].name, {p.data(), static_cast<std::size_t>(p.size())})
-                  .value) +
+          as_vector(model.evaluate_output(result.outputs[o].name, std::span(p.data(), p.size())).value) +
           known.outputs[o] * phi.row(g).transpose();
       append(values, value);
     }
@@ -385,10 +381,10 @@ TruncationError error_of(const TruncationError& base, const ModelContents& conte
   const std::span<const Axis> axes = contents.axes;
   const Index k = known.points.rows(), d = known.points.cols(), dofs = known.space.rows();
   const Index times = known.fields.front().cols();
-  const auto old = static_cast<Index>(base.off_grid_count()), b = static_cast<Index>(base.count);
+  const Index old = base.off_grid_count(), b = base.count;
   std::vector<MatrixXd> errors;  // in [V, Q]
   // Of the outputs, by solution: n_t × outputs; of those of which the base knows none, not a number.
-  const auto outputs = static_cast<Index>(contents.outputs.size());
+  const auto outputs = std::ssize(contents.outputs);
   std::vector<MatrixXd> output_errors;
   const auto output_correction = [&](const Eigen::RowVectorXd& weights) {
     MatrixXd sum(times, outputs);
@@ -451,7 +447,7 @@ TruncationError error_of(const TruncationError& base, const ModelContents& conte
   both = known.scales.cwiseInverse().asDiagonal() * both;
   const MatrixXd basis = orthonormal_basis(both);
   const MatrixXd change = basis.transpose() * both;
-  result.count = static_cast<std::size_t>(basis.cols());
+  result.count = basis.cols();
   append(result.space, known.scales.asDiagonal() * basis);
   for (MatrixXd& error : errors) {
     error = change * error;
@@ -463,7 +459,7 @@ TruncationError error_of(const TruncationError& base, const ModelContents& conte
     if (std::none_of(values.begin(), values.end(), [](double e) { return std::isnan(e); }))
       result.off_grid_outputs[contents.outputs[o].name] = std::move(values);
   }
-  errors.resize(static_cast<std::size_t>(k));
+  errors.resize(k);
   VectorXd weights = nearness(known.points, at);
   weights /= weights.sum();
   set_moments(errors, {weights.data(), errors.size()}, result);
@@ -492,7 +488,7 @@ MatrixXd most_informative(std::span<const Axis> axes, const MatrixXd& known, con
   MatrixXd rest = kernel_matrix(candidates, candidates, kernel) -
                   cross.transpose() * factorised(kernel_matrix(all, all, kernel), k_nugget).solve(cross);
   std::vector<Index> chosen;
-  while (static_cast<Index>(chosen.size()) < count) {
+  while (std::ssize(chosen) < count) {
     const Eigen::ArrayXd variance = rest.diagonal().array().max(0.0) + k_nugget;
     Index best = 0;
     (rest.colwise().squaredNorm().transpose().array() / variance).maxCoeff(&best);

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <span>
 
+#include "knothe/base/index.hpp"
 #include "knothe/reduction/compress/snapshots.hpp"
 #include "knothe/reduction/model/truncation_error.hpp"
 
@@ -58,7 +59,7 @@ class ScatteredInterpolation {
 /// is left out: a solution is exact, and is not asked for twice.
 [[nodiscard]] Eigen::MatrixXd most_informative(std::span<const Axis> axes, const Eigen::MatrixXd& known,
                                                const Eigen::MatrixXd& candidates,
-                                               const InterpolationKernel& kernel, Eigen::Index count);
+                                               const InterpolationKernel& kernel, Index count);
 /// A kernel before solutions tell of one: in proportion to the cell of the grid that holds `at`.
 [[nodiscard]] InterpolationKernel kernel_of_cell(std::span<const Axis> axes, const Neighbourhood& at);
 

@@ -1,6 +1,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/reduction/compress/compression.hpp"
 #include "knothe/reduction/model/deviation.hpp"
@@ -9,13 +10,11 @@
 
 namespace knothe::reduction {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 MatrixXd coefficients_of(const ModelContents& contents, const VectorXd& w) {
-  const auto l = static_cast<Index>(contents.space_modes), r = static_cast<Index>(contents.parameter_modes),
-             times = static_cast<Index>(contents.time.size());
+  const Index l = contents.space_modes, r = contents.parameter_modes, times = std::ssize(contents.time);
   MatrixXd coefficients(l, times);
   if (contents.form == Form::tree)
     coefficients.reshaped() = Eigen::Map<const RowMatrix>(contents.temporal.data(), times * l, r) * w;
@@ -31,16 +30,15 @@ MatrixXd field_of(const ModelContents& contents, const VectorXd& w) {
 }
 
 VectorXd functions_at_node(const ModelContents& contents, std::size_t index) {
-  const auto r = static_cast<Index>(contents.parameter_modes);
+  const Index r = contents.parameter_modes;
   if (contents.form == Form::tree) {
-    const Eigen::Map<const RowMatrix> joint(contents.joint.data(), r,
-                                            static_cast<Index>(contents.joint.size()) / r);
+    const Eigen::Map<const RowMatrix> joint(contents.joint.data(), r, std::ssize(contents.joint) / r);
     return joint.col(index);
   }
   VectorXd w = VectorXd::Ones(r);
   for (std::size_t i = contents.axes.size(); i-- > 0;) {
     const std::size_t n = contents.axes[i].nodes.size();
-    const Eigen::Map<const RowMatrix> alpha(contents.parameters[i].data(), r, static_cast<Index>(n));
+    const Eigen::Map<const RowMatrix> alpha(contents.parameters[i].data(), r, n);
     w.array() *= alpha.col(index % n).array();
     index /= n;
   }
@@ -50,7 +48,7 @@ VectorXd functions_at_node(const ModelContents& contents, std::size_t index) {
 MatrixXd field_at(const SeparatedModel& model, std::span<const double> p) {
   FunctionBatch w;
   w.resize(1, model.functions()->dimension(), model.functions()->count(), 0);
-  const MatrixXd point = Eigen::Map<const Eigen::RowVectorXd>(p.data(), static_cast<Eigen::Index>(p.size()));
+  const MatrixXd point = Eigen::Map<const Eigen::RowVectorXd>(p.data(), std::ssize(p));
   model.functions()->evaluate(point, 0, w);
   return field_of(model.contents(), w.value.row(0).transpose());
 }
@@ -68,7 +66,7 @@ struct Sums {
 Sums compare(const ModelContents& contents, const MatrixXd& field, std::span<const double> solution,
              const VectorXd& time_weights) {
   const auto lift = lift_of(contents);
-  if (static_cast<Eigen::Index>(solution.size()) != lift.size()) {
+  if (std::ssize(solution) != lift.size()) {
     throw UsageError("the solutions and the model differ in number of dofs or time steps");
   }
   const Eigen::Map<const MatrixXd> u(solution.data(), lift.rows(), lift.cols());
@@ -93,7 +91,7 @@ double ratio(double part, double whole) {
 
 ModelError total(std::span<const Sums> sums, const VectorXd& weights) {
   Sums all;
-  for (std::size_t i = 0; i < sums.size(); ++i) {
+  for (Index i = 0; i < std::ssize(sums); ++i) {
     const double weight = weights[i];
     all.solution += weight * sums[i].solution;
     all.deviation += weight * sums[i].deviation;
@@ -133,8 +131,8 @@ ModelError off_grid_error(const ModelContents& contents, std::size_t count,
     const OffGridSolution at = solution(i);
     sums[i] = compare(contents, field_at(model, at.parameters), at.values, time_weights);
   });
-  const auto n = static_cast<Eigen::Index>(sums.size());
-  return total(sums, VectorXd::Constant(n, 1.0 / static_cast<double>(n)));
+  const auto n = std::ssize(sums);
+  return total(sums, VectorXd::Constant(n, 1.0 / n));
 }
 
 }  // namespace knothe::reduction

@@ -7,12 +7,12 @@
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
 
 namespace knothe::reduction {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 
 namespace {
@@ -30,13 +30,12 @@ class GrowingBasis {
   MatrixXd coordinates(const Eigen::Map<const MatrixXd>& u) {
     MatrixXd c(q_.cols(), u.cols()), left(u.rows(), u.cols());
     constexpr Index k_columns = 512;  // fixed, so that results do not depend on the number of threads
-    parallel_for(
-        static_cast<std::size_t>((u.cols() + k_columns - 1) / k_columns), threads_, [&](std::size_t i) {
-          const Index first = static_cast<Index>(i) * k_columns, n = std::min(k_columns, u.cols() - first);
-          c.middleCols(first, n).noalias() = q_.transpose() * u.middleCols(first, n);
-          left.middleCols(first, n) = u.middleCols(first, n);
-          left.middleCols(first, n).noalias() -= q_ * c.middleCols(first, n);
-        });
+    parallel_for((u.cols() + k_columns - 1) / k_columns, threads_, [&](std::size_t i) {
+      const Index first = i * k_columns, n = std::min(k_columns, u.cols() - first);
+      c.middleCols(first, n).noalias() = q_.transpose() * u.middleCols(first, n);
+      left.middleCols(first, n) = u.middleCols(first, n);
+      left.middleCols(first, n).noalias() -= q_ * c.middleCols(first, n);
+    });
     const double allowed = k_resolved * k_resolved * u.squaredNorm();
     // Squares resolve 1e-7 at best: a part at a time.
     for (double rest = left.squaredNorm(); rest > allowed; rest = left.squaredNorm())
@@ -95,9 +94,8 @@ class SlabOrder {
 
 /// The coordinates must stay below half of the machine's memory; twice, while they are put together.
 void require_memory(const files::Hdf5Reader& file, std::size_t columns, Index directions) {
-  const double machine =
-      static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
-  const double needed = 2.0 * sizeof(double) * static_cast<double>(columns) * static_cast<double>(directions);
+  const double machine = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * sysconf(_SC_PAGESIZE);
+  const double needed = 2.0 * sizeof(double) * columns * directions;
   if (needed <= 0.5 * machine) return;
   throw DataError(fmt::format(
       "{}: data set /snapshots does not fit in memory, nor do its coordinates in the {} directions of space "
@@ -118,14 +116,14 @@ GridSolutions read_solutions(const std::string& path, const SolutionsReading& re
   }
   validate(frame, path);
   const SlabOrder slabs(file.shape("/snapshots"), reading.block_bytes);
-  GrowingBasis basis(static_cast<Index>(frame.dofs), reading.threads);
+  GrowingBasis basis(frame.dofs, reading.threads);
   const auto shown = [&](const std::vector<double>& fields) {
     return basis.coordinates(
         {fields.data(), static_cast<Index>(frame.dofs), static_cast<Index>(fields.size() / frame.dofs)});
   };
   MatrixXd lift = shown(frame.snapshots.lift);
   std::vector<MatrixXd> parts(slabs.count());
-  for (std::size_t i = 0; i < parts.size(); ++i) {
+  for (Index i = 0; i < std::ssize(parts); ++i) {
     check_cancellation("nothing of the import is kept; start it again");
     std::vector<double> fields = slabs.read(file, i);
     for (double& value : fields) value *= frame.factor;
@@ -148,7 +146,7 @@ GridSolutions read_solutions(const std::string& path, const SolutionsReading& re
   };
   result.snapshots.lift.clear();
   put(lift, result.snapshots.lift);
-  result.snapshots.values.reserve(columns * static_cast<std::size_t>(result.basis.cols()));
+  result.snapshots.values.reserve(columns * result.basis.cols());
   for (MatrixXd& part : parts) put(part, result.snapshots.values);
   return result;
 }

@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/functions/cubic_spline.hpp"
 
 namespace knothe::reduction {
@@ -22,7 +23,7 @@ struct AxisLevels {
     for (int l = 0; l <= finest; ++l) {
       std::vector<double> places;
       nodes.emplace_back();
-      for (std::size_t n = 0; n < level.size(); ++n)
+      for (Index n = 0; n < std::ssize(level); ++n)
         if (level[n] <= l) {
           nodes.back().push_back(n);
           places.push_back(axis.nodes[n]);
@@ -39,7 +40,7 @@ struct AxisLevels {
     }
   }
 
-  [[nodiscard]] int finest() const { return static_cast<int>(nodes.size()) - 1; }
+  [[nodiscard]] int finest() const { return nodes.size() - 1; }
 };
 
 /// Calls visit(index) for all multi-indices below `sizes`, the last one fastest.
@@ -55,7 +56,7 @@ void for_each_index(const std::vector<std::size_t>& sizes, const Visit& visit) {
 }
 
 int sum(const std::vector<std::size_t>& index) {
-  return static_cast<int>(std::accumulate(index.begin(), index.end(), std::size_t{0}));
+  return std::accumulate(index.begin(), index.end(), std::size_t{0});
 }
 
 /// Σ (−1)^|z| over z ∈ {0, 1}^d for which l + z still is in the set: the sign and count of a small tensor
@@ -64,7 +65,7 @@ int combination_coefficient(const std::vector<std::size_t>& levels, const std::v
                             int level) {
   int result = 0;
   for_each_index(std::vector<std::size_t>(levels.size(), 2), [&](const std::vector<std::size_t>& z) {
-    for (std::size_t i = 0; i < z.size(); ++i)
+    for (Index i = 0; i < std::ssize(z); ++i)
       if (static_cast<int>(levels[i] + z[i]) > axes[i].finest()) return;
     if (sum(levels) + sum(z) <= level) result += sum(z) % 2 == 0 ? 1 : -1;
   });
@@ -73,7 +74,7 @@ int combination_coefficient(const std::vector<std::size_t>& levels, const std::v
 
 std::size_t flat(const std::vector<std::size_t>& index, const std::vector<std::size_t>& sizes) {
   std::size_t result = 0;
-  for (std::size_t i = 0; i < sizes.size(); ++i) result = result * sizes[i] + index[i];
+  for (Index i = 0; i < std::ssize(sizes); ++i) result = result * sizes[i] + index[i];
   return result;
 }
 
@@ -122,7 +123,7 @@ SparseGrid sparse_grid(std::span<const Axis> axes, int level) {
   std::vector<std::size_t> place(count, 0);  // of a computed point among the computed ones
   for_each_index(sizes, [&](const std::vector<std::size_t>& index) {
     int levels = 0;
-    for (std::size_t i = 0; i < index.size(); ++i) levels += one[i].level[index[i]];
+    for (Index i = 0; i < std::ssize(index); ++i) levels += one[i].level[index[i]];
     if (levels <= level) {
       place[flat(index, sizes)] = grid.points.size();
       grid.points.push_back(flat(index, sizes));
@@ -137,15 +138,14 @@ SparseGrid sparse_grid(std::span<const Axis> axes, int level) {
     const int coefficient = combination_coefficient(levels, one, level);
     if (coefficient == 0) return;
     std::vector<std::size_t> small(levels.size());
-    for (std::size_t i = 0; i < levels.size(); ++i) small[i] = one[i].nodes[levels[i]].size();
+    for (Index i = 0; i < std::ssize(levels); ++i) small[i] = one[i].nodes[levels[i]].size();
     for_each_index(small, [&](const std::vector<std::size_t>& at) {
       std::vector<std::size_t> point(at.size());
-      for (std::size_t i = 0; i < at.size(); ++i) point[i] = one[i].nodes[levels[i]][at[i]];
+      for (Index i = 0; i < std::ssize(at); ++i) point[i] = one[i].nodes[levels[i]][at[i]];
       const std::size_t column = place[flat(point, sizes)];
-      for (std::size_t row = 0; row < others.size(); ++row) {
+      for (Index row = 0; row < std::ssize(others); ++row) {
         double weight = coefficient;
-        for (std::size_t i = 0; i < at.size(); ++i)
-          weight *= one[i].weights[levels[i]][others[row][i]][at[i]];
+        for (Index i = 0; i < std::ssize(at); ++i) weight *= one[i].weights[levels[i]][others[row][i]][at[i]];
         grid.weights[row * grid.points.size() + column] += weight;
       }
     });
@@ -156,10 +156,10 @@ SparseGrid sparse_grid(std::span<const Axis> axes, int level) {
 void interpolate_others(const SparseGrid& grid, Snapshots& snapshots) {
   const auto interpolate = [&](std::vector<double>& values) {
     const std::size_t size = values.size() / (grid.points.size() + grid.others.size());
-    for (std::size_t row = 0; row < grid.others.size(); ++row) {
+    for (Index row = 0; row < std::ssize(grid.others); ++row) {
       double* out = &values[grid.others[row] * size];
       std::fill_n(out, size, 0.0);
-      for (std::size_t column = 0; column < grid.points.size(); ++column) {
+      for (Index column = 0; column < std::ssize(grid.points); ++column) {
         const double weight = grid.weights[row * grid.points.size() + column];
         if (weight == 0) continue;
         const double* in = &values[grid.points[column] * size];

@@ -7,12 +7,12 @@
 #include <numbers>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/functions/cubic_spline.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
 
 namespace knothe::reduction {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
@@ -37,11 +37,10 @@ VectorXd missed_by_splines(const numerics::SparseInterpolation& interpolation, I
 
 /// H_ν at all points of a grid, P × |Λ|.
 MatrixXd basis_on_grid(const numerics::SparseInterpolation& interpolation, const Snapshots& grid) {
-  MatrixXd result(static_cast<Index>(grid.grid_size()), interpolation.count());
+  MatrixXd result(grid.grid_size(), interpolation.count());
   for (Index g = 0; g < result.rows(); ++g) {
-    const std::vector<double> p = grid.parameters_at(static_cast<std::size_t>(g));
-    result.row(g) =
-        interpolation.basis(Eigen::Map<const VectorXd>(p.data(), static_cast<Index>(p.size()))).transpose();
+    const std::vector<double> p = grid.parameters_at(g);
+    result.row(g) = interpolation.basis(Eigen::Map<const VectorXd>(p.data(), std::ssize(p))).transpose();
   }
   return result;
 }
@@ -50,13 +49,13 @@ MatrixXd basis_on_grid(const numerics::SparseInterpolation& interpolation, const
 template <class Values>
 MatrixXd rows_of(std::span<const Snapshots> solutions, const Values& values) {
   const std::size_t size = values(solutions.front()).size();
-  MatrixXd result(static_cast<Index>(solutions.size()), static_cast<Index>(size));
-  for (std::size_t n = 0; n < solutions.size(); ++n) {
+  MatrixXd result(std::ssize(solutions), size);
+  for (Index n = 0; n < std::ssize(solutions); ++n) {
     const std::vector<double>& row = values(solutions[n]);
     if (row.size() != size)
       throw DataError(fmt::format("run {} has {} values, the first one {}: all must have the same", n + 1,
                                   row.size(), size));
-    result.row(n) = Eigen::Map<const Eigen::RowVectorXd>(row.data(), static_cast<Index>(size));
+    result.row(n) = Eigen::Map<const Eigen::RowVectorXd>(row.data(), size);
   }
   return result;
 }
@@ -72,7 +71,7 @@ void interpolate_outputs(const numerics::SparseInterpolation& interpolation, con
   for (const Snapshots& solution : solutions)
     if (solution.outputs.size() != frame.outputs.size())
       throw DataError("the runs do not have the same outputs");
-  for (std::size_t k = 0; k < frame.outputs.size(); ++k) {
+  for (Index k = 0; k < std::ssize(frame.outputs); ++k) {
     const MatrixXd values = rows_of(
         solutions, [k](const Snapshots& s) -> const std::vector<double>& { return s.outputs[k].values; });
     frame.outputs[k].values = in_c_order(basis * interpolation.surpluses(values));
@@ -83,12 +82,12 @@ void interpolate_outputs(const numerics::SparseInterpolation& interpolation, con
 GridSolutions interpolate_in_basis(const numerics::SparseInterpolation& interpolation, const MatrixXd& basis,
                                    Snapshots frame, std::span<const Snapshots> solutions) {
   constexpr double k_resolved = 1e-7;  // what squares resolve
-  const auto times = static_cast<Index>(frame.time.size());
-  const auto dofs = static_cast<Index>(solutions.front().values.size()) / times;
+  const auto times = std::ssize(frame.time);
+  const auto dofs = std::ssize(solutions.front().values) / times;
   const auto field = [&](const std::vector<double>& values) {
     return Eigen::Map<const MatrixXd>(values.data(), dofs, times);
   };
-  const auto runs = static_cast<Index>(solutions.size());
+  const auto runs = std::ssize(solutions);
   MatrixXd all = MatrixXd::Zero(dofs, (runs + 1) * times);
   for (Index n = 0; n < runs; ++n) all.middleCols(n * times, times) = field(solutions[n].values);
   if (!frame.lift.empty()) all.rightCols(times) = field(frame.lift);
@@ -123,8 +122,8 @@ std::vector<double> graded_nodes(double lower, double upper, int count) {
 
 void choose_nodes(const numerics::SparseInterpolation& interpolation, const SplineAccuracy& accuracy,
                   std::vector<Axis>& axes) {
-  for (std::size_t axis = 0; axis < axes.size(); ++axis) {
-    const auto i = static_cast<Index>(axis);
+  for (Index axis = 0; axis < std::ssize(axes); ++axis) {
+    const Index i = axis;
     const double lower = axes[axis].nodes.front(), upper = axes[axis].nodes.back();
     for (const int count : k_node_counts) {
       axes[axis].nodes = graded_nodes(lower, upper, count);
@@ -141,7 +140,7 @@ void choose_nodes(const numerics::SparseInterpolation& interpolation, const Spli
 
 GridSolutions interpolate_on_grid(const numerics::SparseInterpolation& interpolation, Snapshots frame,
                                   std::span<const Snapshots> solutions) {
-  if (solutions.size() != static_cast<std::size_t>(interpolation.count()))
+  if (std::ssize(solutions) != interpolation.count())
     throw UsageError(fmt::format("{} solutions for {} nodes of the interpolation", solutions.size(),
                                  interpolation.count()));
   const MatrixXd basis = basis_on_grid(interpolation, frame);

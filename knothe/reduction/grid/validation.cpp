@@ -7,6 +7,7 @@
 #include <set>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/files/units.hpp"
 
 namespace knothe::reduction {
@@ -37,14 +38,13 @@ void Validation::array(const std::string& name, std::span<const double> values,
   const auto bad = std::find_if(values.begin(), values.end(), [](double v) { return !std::isfinite(v); });
   if (bad != values.end()) {
     fail(fmt::format("{}{} is {}: only finite numbers are allowed here", name,
-                     full_index(static_cast<std::size_t>(bad - values.begin()), shape),
-                     std::isnan(*bad) ? "NaN" : "infinite"));
+                     full_index(bad - values.begin(), shape), std::isnan(*bad) ? "NaN" : "infinite"));
   }
 }
 
 void Validation::increasing(const std::string& name, std::span<const double> values) const {
   array(name, values, {values.size()});
-  for (std::size_t i = 1; i < values.size(); ++i) {
+  for (Index i = 1; i < std::ssize(values); ++i) {
     if (!(values[i] > values[i - 1])) {
       fail(fmt::format("{} is not strictly increasing: {}[{}] = {} after {}", name, name, i, values[i],
                        values[i - 1]));
@@ -98,8 +98,8 @@ void Validation::mesh(const Mesh& mesh) const {
   require(mesh.nodes_per_cell > 0 && mesh.cells.size() % mesh.nodes_per_cell == 0,
           fmt::format("/mesh/cells has {} entries, not a multiple of {} nodes", mesh.cells.size(),
                       mesh.nodes_per_cell));
-  const auto points = static_cast<std::int64_t>(mesh.point_count());
-  for (std::size_t i = 0; i < mesh.cells.size(); ++i) {
+  const std::int64_t points = mesh.point_count();
+  for (Index i = 0; i < std::ssize(mesh.cells); ++i) {
     require(mesh.cells[i] >= 0 && mesh.cells[i] < points,
             fmt::format("/mesh/cells[{},{}] is {}: the mesh has points 0 to {}", i / mesh.nodes_per_cell,
                         i % mesh.nodes_per_cell, mesh.cells[i], points - 1));
@@ -179,7 +179,7 @@ std::vector<Quantity> read_quantities(const files::Hdf5Reader& file) {
       .require(
           units.size() == quantities.size(),
           fmt::format("attribute units of /dofs has {} entries, names {}", units.size(), quantities.size()));
-  for (std::size_t i = 0; i < units.size(); ++i) quantities[i].units = units[i];
+  for (Index i = 0; i < std::ssize(units); ++i) quantities[i].units = units[i];
   return quantities;
 }
 

@@ -2,6 +2,7 @@
 
 #include <cassert>
 
+#include "knothe/base/index.hpp"
 #include "knothe/reduction/model/spline_contraction.hpp"
 
 namespace knothe::reduction {
@@ -21,13 +22,13 @@ void CanonicalQuadraticForm::set_grid(const Eigen::Ref<const Eigen::MatrixXd>& a
   assert(has_grid() && axes.cols() == dimension_);
   count_ = axes.rows();
   outer_.clear();
-  for (Eigen::Index i = 0; i + 1 < dimension_; ++i) outer_.push_back(axis_values_(i, axes.col(i)));
+  for (Index i = 0; i + 1 < dimension_; ++i) outer_.push_back(axis_values_(i, axes.col(i)));
   const RowMatrix last = axis_values_(dimension_ - 1, axes.col(dimension_ - 1));
   last_.setZero(last.cols(), count_ + k_lane_count);
   last_.leftCols(count_) = last.transpose();
 }
 
-void CanonicalQuadraticForm::set_row(Eigen::Index row) {
+void CanonicalQuadraticForm::set_row(Index row) {
   product_.setOnes(a_.cols());
   for (std::size_t i = outer_.size(); i-- > 0; row /= count_)
     product_.array() *= outer_[i].row(row % count_).transpose().array();
@@ -35,20 +36,20 @@ void CanonicalQuadraticForm::set_row(Eigen::Index row) {
 }
 
 void CanonicalQuadraticForm::evaluate_runs(std::span<const GridRun> runs, Eigen::Ref<Eigen::VectorXd> value) {
-  const Eigen::Index k = b_.size(), r = a_.cols(), stride = last_.cols();
-  Eigen::Index row = -1;
+  const Index k = b_.size(), r = a_.cols(), stride = last_.cols();
+  Index row = -1;
   for (const GridRun& run : runs) {
     if (run.row != row) set_row(row = run.row);
-    for (Eigen::Index i = run.begin; i < run.end; i += k_lane_count) {
-      const auto sum = [&](Eigen::Index m) {
+    for (Index i = run.begin; i < run.end; i += k_lane_count) {
+      const auto sum = [&](Index m) {
         Lanes s{};
         const double* factor = of_row_.data() + m * r;
         const double* alpha = last_.data() + i;
-        for (Eigen::Index f = 0; f < r; ++f) s += factor[f] * load(alpha + f * stride);
+        for (Index f = 0; f < r; ++f) s += factor[f] * load(alpha + f * stride);
         return s;
       };
       Lanes squares{};
-      for (Eigen::Index m = 0; m < k; ++m) {
+      for (Index m = 0; m < k; ++m) {
         const Lanes s = b_[m] + sum(m);
         squares += s * s;
       }

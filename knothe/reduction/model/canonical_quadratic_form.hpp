@@ -4,6 +4,7 @@
 #include <memory>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/reduction/grid/grid_evaluator.hpp"
 #include "knothe/reduction/model/parameter_functions.hpp"
 
@@ -14,9 +15,8 @@ namespace knothe::reduction {
 class CanonicalQuadraticForm final : public QuadraticForm, public GridEvaluator {
  public:
   /// `generic`: evaluates point by point. `axis_values(i, nodes)`: α of axis i at the nodes, n × r.
-  using AxisValues = std::function<RowMatrix(Eigen::Index, const Eigen::Ref<const Eigen::VectorXd>&)>;
-  CanonicalQuadraticForm(std::unique_ptr<QuadraticForm> generic, Eigen::Index dimension,
-                         AxisValues axis_values)
+  using AxisValues = std::function<RowMatrix(Index, const Eigen::Ref<const Eigen::VectorXd>&)>;
+  CanonicalQuadraticForm(std::unique_ptr<QuadraticForm> generic, Index dimension, AxisValues axis_values)
       : generic_(std::move(generic)), dimension_(dimension), axis_values_(std::move(axis_values)) {}
 
   void set(const Eigen::Ref<const Eigen::MatrixXd>& a, const Eigen::Ref<const Eigen::VectorXd>& b,
@@ -31,17 +31,17 @@ class CanonicalQuadraticForm final : public QuadraticForm, public GridEvaluator 
   void evaluate_runs(std::span<const GridRun> runs, Eigen::Ref<Eigen::VectorXd> value) override;
 
  private:
-  void set_row(Eigen::Index row);
+  void set_row(Index row);
 
   std::unique_ptr<QuadraticForm> generic_;
-  Eigen::Index dimension_;
+  Index dimension_;
   AxisValues axis_values_;
   RowMatrix a_;  ///< A and, last, c: (k + 1) × r
   Eigen::VectorXd b_;
   double constant_ = 0;
   std::vector<RowMatrix> outer_;  ///< of each axis but the last: count × r
   RowMatrix last_;                ///< r × count, and eight zeros more
-  Eigen::Index count_ = 0;
+  Index count_ = 0;
   Eigen::VectorXd product_;  ///< of the outer α, r
   RowMatrix of_row_;         ///< A and c times these
 };

@@ -3,15 +3,16 @@
 #include <algorithm>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/base/threads.hpp"
 
 namespace knothe::reduction {
 
 Eigen::VectorXd trapezoid_weights(std::span<const double> nodes) {
-  const auto n = static_cast<Eigen::Index>(nodes.size());
+  const auto n = std::ssize(nodes);
   Eigen::VectorXd weights = Eigen::VectorXd::Constant(n, n == 1 ? 1.0 : 0.0);
-  for (Eigen::Index i = 0; i + 1 < n; ++i) {
-    const double half = 0.5 * (nodes[static_cast<std::size_t>(i) + 1] - nodes[i]);
+  for (Index i = 0; i + 1 < n; ++i) {
+    const double half = 0.5 * (nodes[i + 1] - nodes[i]);
     weights[i] += half;
     weights[i + 1] += half;
   }
@@ -27,7 +28,7 @@ Deviation::Deviation(const Snapshots& snapshots) : snapshots_(snapshots) {
     grid_weights_ = outer.reshaped();
   }
   time_weights_ = trapezoid_weights(snapshots.time);
-  const auto dofs = static_cast<Eigen::Index>(snapshots.dof_count());
+  const Index dofs = snapshots.dof_count();
   if (!snapshots.lift.empty()) {
     lift_ = Eigen::Map<const Eigen::MatrixXd>(snapshots.lift.data(), dofs, times());
     return;
@@ -36,13 +37,13 @@ Deviation::Deviation(const Snapshots& snapshots) : snapshots_(snapshots) {
   for (std::size_t g = 0; g < snapshots.grid_size(); ++g) {
     lift_ += Eigen::Map<const Eigen::MatrixXd>(snapshots.solution(g).data(), dofs, times());
   }
-  lift_ /= static_cast<double>(grid());
+  lift_ /= grid();
 }
 
-RowMatrix Deviation::at_time(Eigen::Index t, Eigen::Index first, Eigen::Index count) const {
+RowMatrix Deviation::at_time(Index t, Index first, Index count) const {
   RowMatrix block(count, dofs());
-  for (Eigen::Index g = 0; g < count; ++g) {
-    const double* solution = snapshots_.solution(static_cast<std::size_t>(first + g)).data();
+  for (Index g = 0; g < count; ++g) {
+    const double* solution = snapshots_.solution(first + g).data();
     block.row(g) =
         Eigen::Map<const Eigen::RowVectorXd>(solution + t * dofs(), dofs()) - lift_.col(t).transpose();
   }
@@ -52,12 +53,12 @@ RowMatrix Deviation::at_time(Eigen::Index t, Eigen::Index first, Eigen::Index co
 Eigen::MatrixXd Deviation::grid_gram(std::size_t threads) const {
   // A few instants at a time, which bounds the memory; summed in order, so that the number of threads does
   // not matter.
-  constexpr Eigen::Index k_together = 8;
+  constexpr Index k_together = 8;
   Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(grid(), grid());
-  for (Eigen::Index start = 0; start < times(); start += k_together) {
-    std::vector<Eigen::MatrixXd> parts(static_cast<std::size_t>(std::min(k_together, times() - start)));
+  for (Index start = 0; start < times(); start += k_together) {
+    std::vector<Eigen::MatrixXd> parts(std::min(k_together, times() - start));
     parallel_for(parts.size(), threads, [&](std::size_t i) {
-      const Eigen::Index t = start + static_cast<Eigen::Index>(i);
+      const Index t = start + i;
       const RowMatrix block = at_time(t);
       parts[i] = time_weights_[t] * (block * block.transpose());
     });
@@ -67,12 +68,11 @@ Eigen::MatrixXd Deviation::grid_gram(std::size_t threads) const {
 }
 
 Eigen::MatrixXd Deviation::applied(const Eigen::MatrixXd& b, std::size_t threads) const {
-  constexpr Eigen::Index k_points = 64;  // fixed, so that results do not depend on the number of threads
+  constexpr Index k_points = 64;  // fixed, so that results do not depend on the number of threads
   Eigen::MatrixXd result = Eigen::MatrixXd::Zero(grid(), b.cols());
-  parallel_for(static_cast<std::size_t>((grid() + k_points - 1) / k_points), threads, [&](std::size_t i) {
-    const Eigen::Index first = static_cast<Eigen::Index>(i) * k_points,
-                       n = std::min(k_points, grid() - first);
-    for (Eigen::Index t = 0; t < times(); ++t)
+  parallel_for((grid() + k_points - 1) / k_points, threads, [&](std::size_t i) {
+    const Index first = i * k_points, n = std::min(k_points, grid() - first);
+    for (Index t = 0; t < times(); ++t)
       result.middleRows(first, n).noalias() +=
           std::sqrt(time_weights_[t]) * (at_time(t, first, n) * b.middleRows(t * dofs(), dofs()));
   });
@@ -81,8 +81,8 @@ Eigen::MatrixXd Deviation::applied(const Eigen::MatrixXd& b, std::size_t threads
 
 Eigen::MatrixXd Deviation::projected(const Eigen::MatrixXd& v, std::size_t threads) const {
   Eigen::MatrixXd result(dofs(), times() * v.cols());
-  parallel_for(static_cast<std::size_t>(times()), threads, [&](std::size_t step) {
-    const auto t = static_cast<Eigen::Index>(step);
+  parallel_for(times(), threads, [&](std::size_t step) {
+    const Index t = step;
     result.middleCols(t * v.cols(), v.cols()).noalias() =
         std::sqrt(time_weights_[t]) * (at_time(t).transpose() * v);
   });

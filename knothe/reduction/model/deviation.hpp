@@ -2,6 +2,7 @@
 /// @file u − u_lift of snapshots as a matrix with quadrature weights. Private to this room.
 #include <Eigen/Core>
 
+#include "knothe/base/index.hpp"
 #include "knothe/reduction/compress/snapshots.hpp"
 #include "knothe/reduction/model/parameter_functions.hpp"
 
@@ -15,15 +16,15 @@ class Deviation {
  public:
   explicit Deviation(const Snapshots& snapshots);
 
-  [[nodiscard]] Eigen::Index grid() const { return grid_weights_.size(); }   ///< P = Π nᵢ
-  [[nodiscard]] Eigen::Index times() const { return time_weights_.size(); }  ///< n_t
-  [[nodiscard]] Eigen::Index dofs() const { return lift_.rows(); }           ///< n_dof
+  [[nodiscard]] Index grid() const { return grid_weights_.size(); }   ///< P = Π nᵢ
+  [[nodiscard]] Index times() const { return time_weights_.size(); }  ///< n_t
+  [[nodiscard]] Index dofs() const { return lift_.rows(); }           ///< n_dof
   [[nodiscard]] const Eigen::VectorXd& grid_weights() const { return grid_weights_; }
   [[nodiscard]] const Eigen::VectorXd& time_weights() const { return time_weights_; }
   [[nodiscard]] const Eigen::MatrixXd& lift() const { return lift_; }  ///< n_dof × n_t
 
   /// u − u_lift at time `t`: P × n_dof.
-  [[nodiscard]] RowMatrix at_time(Eigen::Index t) const { return at_time(t, 0, grid()); }
+  [[nodiscard]] RowMatrix at_time(Index t) const { return at_time(t, 0, grid()); }
   /// G = Σ_t w_t ⟨·,·⟩ between grid points, P × P.
   [[nodiscard]] Eigen::MatrixXd grid_gram(std::size_t threads) const;
   /// Σ_t √w_t (u − u_lift)(·, t, p) B_t, where the rows of B are (t, dof): P × columns of B.
@@ -32,7 +33,7 @@ class Deviation {
   [[nodiscard]] Eigen::MatrixXd projected(const Eigen::MatrixXd& v, std::size_t threads) const;
 
  private:
-  [[nodiscard]] RowMatrix at_time(Eigen::Index t, Eigen::Index first, Eigen::Index count) const;
+  [[nodiscard]] RowMatrix at_time(Index t, Index first, Index count) const;
 
   const Snapshots& snapshots_;
   Eigen::VectorXd grid_weights_, time_weights_;

@@ -8,6 +8,7 @@
 #include <map>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 
 namespace knothe::reduction {
 namespace {
@@ -24,14 +25,14 @@ FieldOnMesh::FieldOnMesh(const ModelContents& contents, const std::string& where
   std::map<std::array<long long, 3>, std::size_t> points;
   for (std::size_t i = 0; i < contents.mesh->point_count(); ++i)
     points[key_of(&contents.mesh->points[3 * i])] = i;
-  for (std::size_t i = 0; i < contents.dofs.components.size(); ++i) {
+  for (Index i = 0; i < std::ssize(contents.dofs.components); ++i) {
     const double* at = &contents.dofs.points[3 * i];
     const auto it = points.find(key_of(at));
     if (it == points.end()) {
       throw DataError(fmt::format("{}: dofs/points[{}] = ({:g}, {:g}, {:g}) is no point of the mesh", where,
                                   i, at[0], at[1], at[2]));
     }
-    position_.push_back(3 * it->second + static_cast<std::size_t>(contents.dofs.components[i]));
+    position_.push_back(3 * it->second + contents.dofs.components[i]);
   }
 }
 
@@ -39,7 +40,7 @@ files::VtuField FieldOnMesh::vectors(const std::string& name, std::span<const do
   assert(values.size() == position_.size());
   files::VtuField field{name, 3, std::vector<double>(contents_.mesh->points.size(), 0.0),
                         contents_.field.units};
-  for (std::size_t i = 0; i < values.size(); ++i) field.values[position_[i]] = values[i];
+  for (Index i = 0; i < std::ssize(values); ++i) field.values[position_[i]] = values[i];
   return field;
 }
 

@@ -4,6 +4,7 @@
 #include <cassert>
 #include <cmath>
 
+#include "knothe/base/index.hpp"
 #include "knothe/reduction/model/spline_contraction.hpp"
 
 namespace knothe::reduction {
@@ -49,11 +50,11 @@ struct Powers {
 
 JointQuadraticForm::JointQuadraticForm(std::span<const numerics::CubicSplineBasis> bases,
                                        std::span<const double> coefficients,
-                                       std::span<const std::ptrdiff_t> strides, Eigen::Index count)
+                                       std::span<const std::ptrdiff_t> strides, Index count)
     : coefficients_(coefficients), grid_(1), count_(count), source_stride_(round_up_to_lanes(count)) {
   assert(!bases.empty() && bases.size() <= k_max_parameters && strides.size() == bases.size());
   std::size_t cells = 1;
-  for (std::size_t i = 0; i < bases.size(); ++i) {
+  for (Index i = 0; i < std::ssize(bases); ++i) {
     axes_.emplace_back(bases[i]);
     grid_ *= bases[i].size();
     cells *= axes_[i].size();
@@ -68,18 +69,18 @@ JointQuadraticForm::JointQuadraticForm(std::span<const numerics::CubicSplineBasi
 void JointQuadraticForm::set(const Eigen::Ref<const Eigen::MatrixXd>& a,
                              const Eigen::Ref<const Eigen::VectorXd>& b,
                              const Eigen::Ref<const Eigen::VectorXd>& c, double constant) {
-  const Eigen::Index k = a.rows();
+  const Index k = a.rows();
   assert(a.cols() == count_ && b.size() == k && c.size() == count_);
   const bool has_linear = (c.array() != 0).any();
-  const Eigen::Index used = k + (has_linear ? 1 : 0);
+  const Index used = k + (has_linear ? 1 : 0);
   padded_ = round_up_to_lanes(used);
   constant_ = constant;
-  table_.assign(static_cast<std::size_t>(grid_ * padded_), 0.0);
-  square_.assign(static_cast<std::size_t>(padded_), 0.0);
-  linear_.assign(static_cast<std::size_t>(padded_), 0.0);
+  table_.assign(grid_ * padded_, 0.0);
+  square_.assign(padded_, 0.0);
+  linear_.assign(padded_, 0.0);
   std::fill_n(square_.begin(), k, -0.5);
   if (has_linear) linear_[k] = 1;
-  for (std::size_t i = 0; i < axes_.size(); ++i) strides_[i] = grid_strides_[i] * padded_;
+  for (Index i = 0; i < std::ssize(axes_); ++i) strides_[i] = grid_strides_[i] * padded_;
   std::fill(cell_.begin(), cell_.end(), Cell::unknown);
   if (used == 0) return;
   combination_.resize(count_, used);
@@ -103,7 +104,7 @@ void JointQuadraticForm::sum_squares(const std::array<SplineAxis::Place, D>& pla
     start += local[i].first * strides_[i];
   }
   Jet<D, Derivatives> total;
-  for (Eigen::Index k = 0; k < padded_; k += k_lane_count) {
+  for (Index k = 0; k < padded_; k += k_lane_count) {
     const auto jet = contract<D, Derivatives>(start + k, local.data(), strides_.data(), active.data());
     const Lanes square = load(square_.data() + k), one = load(linear_.data() + k);
     const Lanes half_slope = square * jet.value;
@@ -121,8 +122,8 @@ void JointQuadraticForm::sum_squares(const std::array<SplineAxis::Place, D>& pla
     }
   }
   result.value = sum(total.value);
-  for (std::size_t i = 0; i < total.first.size(); ++i) result.gradient[i] = sum(total.first[i]);
-  for (std::size_t i = 0; i < total.second.size(); ++i) result.hessian[i] = sum(total.second[i]);
+  for (Index i = 0; i < std::ssize(total.first); ++i) result.gradient[i] = sum(total.first[i]);
+  for (Index i = 0; i < std::ssize(total.second); ++i) result.hessian[i] = sum(total.second[i]);
 }
 
 template <std::size_t D>
@@ -132,8 +133,8 @@ void JointQuadraticForm::multiply_out(std::size_t cell, const std::array<SplineA
   const auto& inner_axis = axes_[D - 1];
   const auto& inner_piece = inner_axis.piece(place[D - 1].piece);
   const double* start = table_.data();
-  for (std::size_t i = 0; i < D; ++i) start += static_cast<std::ptrdiff_t>(place[i].piece) * strides_[i];
-  for (Eigen::Index k = 0; k < padded_; k += k_lane_count) {
+  for (std::size_t i = 0; i < D; ++i) start += place[i].piece * strides_[i];
+  for (Index k = 0; k < padded_; k += k_lane_count) {
     // s as a polynomial: Σ s_pq t₁^p t₂^q.
     std::array<std::array<Lanes, 4>, outer_powers> s{};
     const int outer_active = D == 2 ? axes_[0].active() : 1;
@@ -176,8 +177,8 @@ template <std::size_t D, int Derivatives>
 void JointQuadraticForm::evaluate_all(const Eigen::Ref<const Eigen::MatrixXd>& points, const Output& out) {
   std::array<SplineAxis::Place, D> place;
   Result<D> result;
-  for (Eigen::Index row = 0; row < points.rows(); ++row) {
-    for (std::size_t i = 0; i < D; ++i) place[i] = axes_[i].locate(points(row, static_cast<Eigen::Index>(i)));
+  for (Index row = 0; row < points.rows(); ++row) {
+    for (std::size_t i = 0; i < D; ++i) place[i] = axes_[i].locate(points(row, i));
     bool done = false;
     if constexpr (D <= 2) {
       const std::size_t cell = D == 2 ? place[0].piece * axes_[1].size() + place[1].piece : place[0].piece;
@@ -212,11 +213,10 @@ void JointQuadraticForm::evaluate_all(const Eigen::Ref<const Eigen::MatrixXd>& p
     if (!done) sum_squares<D, Derivatives>(place, result);
     out.value[row] = constant_ + result.value;
     if constexpr (Derivatives >= 1)
-      for (std::size_t i = 0; i < D; ++i)
-        out.gradient[row + static_cast<Eigen::Index>(i) * out.gradient_stride] = result.gradient[i];
+      for (std::size_t i = 0; i < D; ++i) out.gradient[row + i * out.gradient_stride] = result.gradient[i];
     if constexpr (Derivatives >= 2)
-      for (std::size_t i = 0; i < result.hessian.size(); ++i)
-        out.hessian[row + static_cast<Eigen::Index>(i) * out.hessian_stride] = result.hessian[i];
+      for (Index i = 0; i < std::ssize(result.hessian); ++i)
+        out.hessian[row + i * out.hessian_stride] = result.hessian[i];
   }
 }
 
@@ -247,18 +247,18 @@ void JointQuadraticForm::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& point
 /// squared and summed.
 template <std::size_t D>
 void JointQuadraticForm::sum_squares_in_line(const std::array<SplineAxis::Place, D>& place, const double* t,
-                                             Eigen::Index n, double* value) {
+                                             Index n, double* value) {
   std::array<Local, D - 1> outer;
   std::array<int, D - 1> active;
-  const double* start = table_.data() + static_cast<std::ptrdiff_t>(place[D - 1].piece) * strides_[D - 1];
+  const double* start = table_.data() + place[D - 1].piece * strides_[D - 1];
   for (std::size_t i = 0; i + 1 < D; ++i) {
     axes_[i].template evaluate<0>(place[i], outer[i]);
     active[i] = axes_[i].active();
     start += outer[i].first * strides_[i];
   }
   const auto& inner = axes_[D - 1].piece(place[D - 1].piece);
-  line_.resize(static_cast<std::size_t>(4 * padded_));
-  for (Eigen::Index k = 0; k < padded_; k += k_lane_count) {
+  line_.resize(4 * padded_);
+  for (Index k = 0; k < padded_; k += k_lane_count) {
     std::array<Lanes, 4> power{};
     for (int g = 0; g < axes_[D - 1].active(); ++g) {
       const Lanes c =
@@ -266,13 +266,12 @@ void JointQuadraticForm::sum_squares_in_line(const std::array<SplineAxis::Place,
               .value;
       for (std::size_t q = 0; q < 4; ++q) power[q] += inner[q][g] * c;
     }
-    for (std::size_t q = 0; q < 4; ++q)
-      store(line_.data() + static_cast<Eigen::Index>(q) * padded_ + k, power[q], k_lane_count);
+    for (std::size_t q = 0; q < 4; ++q) store(line_.data() + q * padded_ + k, power[q], k_lane_count);
   }
-  for (Eigen::Index i = 0; i < n; i += k_lane_count) {
+  for (Index i = 0; i < n; i += k_lane_count) {
     const Lanes x = load(t + i);
     Lanes total = Lanes{} + constant_;
-    for (Eigen::Index k = 0; k < padded_; ++k) {
+    for (Index k = 0; k < padded_; ++k) {
       const double square = square_[k], one = linear_[k];
       if (square == 0 && one == 0) continue;
       const Lanes s =
@@ -285,18 +284,16 @@ void JointQuadraticForm::sum_squares_in_line(const std::array<SplineAxis::Place,
 
 void JointQuadraticForm::set_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes) {
   const std::size_t last = axes_.size() - 1;
-  assert(has_grid() && axes.cols() == static_cast<Eigen::Index>(axes_.size()));
+  assert(has_grid() && axes.cols() == std::ssize(axes_));
   places_.resize(last);
   for (std::size_t i = 0; i < last; ++i) {
-    places_[i].resize(static_cast<std::size_t>(axes.rows()));
-    for (std::size_t j = 0; j < places_[i].size(); ++j)
-      places_[i][j] = axes_[i].locate(axes(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(i)));
+    places_[i].resize(axes.rows());
+    for (Index j = 0; j < std::ssize(places_[i]); ++j) places_[i][j] = axes_[i].locate(axes(j, i));
   }
-  piece_.resize(static_cast<std::size_t>(axes.rows()));
+  piece_.resize(axes.rows());
   along_.assign(piece_.size() + k_lanes, 0.0);  // the last lanes may be loaded beyond the axis
-  for (std::size_t j = 0; j < piece_.size(); ++j) {
-    const SplineAxis::Place place =
-        axes_[last].locate(axes(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(last)));
+  for (Index j = 0; j < std::ssize(piece_); ++j) {
+    const SplineAxis::Place place = axes_[last].locate(axes(j, last));
     along_[j] = place.t;
     piece_[j] = place.piece;
   }
@@ -304,16 +301,16 @@ void JointQuadraticForm::set_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes)
 
 template <std::size_t D>
 void JointQuadraticForm::evaluate_run(const GridRun& run, double* value) {
-  const auto row = static_cast<std::size_t>(run.row), count = piece_.size();
+  const std::size_t row = run.row, count = piece_.size();
   std::array<SplineAxis::Place, D> place{};
   for (std::size_t i = D - 1, rest = row; i-- > 0; rest /= count) place[i] = places_[i][rest % count];
-  const auto last = static_cast<std::size_t>(run.end);
-  for (auto begin = static_cast<std::size_t>(run.begin), end = begin; begin < last; begin = end) {
+  const std::size_t last = run.end;
+  for (std::size_t begin = run.begin, end = begin; begin < last; begin = end) {
     while (end < last && piece_[end] == piece_[begin]) ++end;
     place[D - 1].piece = piece_[begin];
-    const auto n = static_cast<Eigen::Index>(end - begin);
+    const Index n = end - begin;
     const double* t = along_.data() + begin;
-    double* out = value + run.at + (static_cast<Eigen::Index>(begin) - run.begin);
+    double* out = value + run.at + (begin - run.begin);
     if constexpr (D == 2) {
       const std::size_t cell = place[0].piece * axes_[1].size() + place[1].piece;
       if (cell_[cell] == Cell::unknown) multiply_out<2>(cell, place);
@@ -323,7 +320,7 @@ void JointQuadraticForm::evaluate_run(const GridRun& run, double* value) {
         for (std::size_t p = k_powers - 1; p-- > 0;) line = line * place[0].t + load(c + p * k_lanes);
         const double c0 = line[0] + constant_, c1 = line[1], c2 = line[2], c3 = line[3], c4 = line[4],
                      c5 = line[5], c6 = line[6];
-        for (Eigen::Index i = 0; i < n; i += k_lane_count) {
+        for (Index i = 0; i < n; i += k_lane_count) {
           const Lanes x = load(t + i);
           store(out + i, c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * (c5 + x * c6))))), n - i);
         }

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/reduction/grid/grid_evaluator.hpp"
 #include "knothe/reduction/model/parameter_functions.hpp"
 #include "knothe/reduction/model/spline_axis.hpp"
@@ -26,7 +27,7 @@ class JointQuadraticForm final : public QuadraticForm, public GridEvaluator {
   /// `coefficients`: B-spline coefficients of w, [n₁, …, n_d, padded r]; `strides` of its axes. Neither is
   /// copied.
   JointQuadraticForm(std::span<const numerics::CubicSplineBasis> bases, std::span<const double> coefficients,
-                     std::span<const std::ptrdiff_t> strides, Eigen::Index count);
+                     std::span<const std::ptrdiff_t> strides, Index count);
   void set(const Eigen::Ref<const Eigen::MatrixXd>& a, const Eigen::Ref<const Eigen::VectorXd>& b,
            const Eigen::Ref<const Eigen::VectorXd>& c, double constant) override;
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
@@ -49,9 +50,9 @@ class JointQuadraticForm final : public QuadraticForm, public GridEvaluator {
   struct Output {
     double* value;
     double* gradient;
-    Eigen::Index gradient_stride;
+    Index gradient_stride;
     double* hessian;
-    Eigen::Index hessian_stride;
+    Index hessian_stride;
   };
 
   template <std::size_t D>
@@ -61,7 +62,7 @@ class JointQuadraticForm final : public QuadraticForm, public GridEvaluator {
   template <std::size_t D, int Derivatives>
   void sum_squares(const std::array<SplineAxis::Place, D>& place, Result<D>& result) const;
   template <std::size_t D>
-  void sum_squares_in_line(const std::array<SplineAxis::Place, D>& place, const double* t, Eigen::Index n,
+  void sum_squares_in_line(const std::array<SplineAxis::Place, D>& place, const double* t, Index n,
                            double* value);
   template <std::size_t D>
   void evaluate_run(const GridRun& run, double* value);
@@ -70,10 +71,10 @@ class JointQuadraticForm final : public QuadraticForm, public GridEvaluator {
 
   std::vector<SplineAxis> axes_;
   std::span<const double> coefficients_;  ///< of w
-  Eigen::Index grid_, count_, source_stride_;
+  Index grid_, count_, source_stride_;
 
   double constant_ = 0;
-  Eigen::Index padded_ = 0;      ///< k, or k + 1 with q, rounded up to full lanes
+  Index padded_ = 0;             ///< k, or k + 1 with q, rounded up to full lanes
   Eigen::MatrixXd combination_;  ///< r × (k + 1): Aᵀ and c
   std::vector<double> table_;    ///< B-spline coefficients of s and q, [n₁, …, n_d, padded]
   std::array<std::ptrdiff_t, k_max_parameters> grid_strides_{}, strides_{};

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/seal.hpp"
@@ -103,7 +104,7 @@ void write_modes(files::Hdf5Writer& file, const ModelContents& model) {
       {units, model.form == Form::canonical ? "time modes"
                                             : "time-dependent core C_t, space mode x parameter function"});
   if (model.form == Form::canonical) {
-    for (std::size_t i = 0; i < model.axes.size(); ++i) {
+    for (Index i = 0; i < std::ssize(model.axes); ++i) {
       const Axis& axis = model.axes[i];
       const std::string path = "/modes/parameters/" + axis.name;
       file.write(path, model.parameters[i], {model.parameter_modes, axis.nodes.size()},
@@ -235,7 +236,7 @@ void validate(const ModelContents& model, const std::string& where) {
   if (model.form == Form::canonical) {
     check.require(model.space_modes == model.parameter_modes && model.parameters.size() == model.axes.size(),
                   "a canonical model has as many parameter modes per axis as space modes");
-    for (std::size_t i = 0; i < model.axes.size(); ++i) {
+    for (Index i = 0; i < std::ssize(model.axes); ++i) {
       check.array("/modes/parameters/" + model.axes[i].name, model.parameters[i],
                   {model.parameter_modes, model.axes[i].nodes.size()});
     }

@@ -3,6 +3,8 @@
 #include <cassert>
 #include <limits>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::reduction {
 
 namespace {
@@ -24,17 +26,17 @@ class GenericQuadraticForm final : public QuadraticForm {
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                 Eigen::Ref<Eigen::VectorXd> value, Eigen::Ref<Eigen::MatrixXd> gradient,
                 Eigen::Ref<Eigen::MatrixXd> hessian) override {
-    const Eigen::Index n = points.rows(), d = functions_.dimension(), r = functions_.count();
+    const Index n = points.rows(), d = functions_.dimension(), r = functions_.count();
     first_.resize(a_.rows(), d);
     if (one_.value.rows() != 1) {
       one_.resize(1, d, r, 2);
       many_.resize(k_block, d, r, 2);
     }
     // Blocks of two sizes, whatever the number of points: nothing is allocated after the first call.
-    Eigen::Index start = 0;
-    const auto evaluate_block = [&](Eigen::Index size, FunctionBatch& batch) {
+    Index start = 0;
+    const auto evaluate_block = [&](Index size, FunctionBatch& batch) {
       functions_.evaluate(points.middleRows(start, size), derivatives, batch);
-      for (Eigen::Index i = 0; i < size; ++i, ++start)
+      for (Index i = 0; i < size; ++i, ++start)
         combine(batch, i, derivatives, start, value, gradient, hessian);
     };
     while (start + k_block <= n) evaluate_block(k_block, many_);
@@ -43,7 +45,7 @@ class GenericQuadraticForm final : public QuadraticForm {
 
  private:
   /// ℓ at row `i` of the batch, into row `row` of the results.
-  void combine(const FunctionBatch& batch, Eigen::Index i, int derivatives, Eigen::Index row,
+  void combine(const FunctionBatch& batch, Index i, int derivatives, Index row,
                Eigen::Ref<Eigen::VectorXd>& value, Eigen::Ref<Eigen::MatrixXd>& gradient,
                Eigen::Ref<Eigen::MatrixXd>& hessian) {
     residual_ = b_;
@@ -52,18 +54,18 @@ class GenericQuadraticForm final : public QuadraticForm {
     if (derivatives == 0) return;
     weight_ = c_;
     weight_.noalias() -= a_.transpose() * residual_;
-    for (Eigen::Index k = 0; k < functions_.dimension(); ++k) {
+    for (Index k = 0; k < functions_.dimension(); ++k) {
       gradient(row, k) = batch.first[k].row(i).dot(weight_);
       if (derivatives < 2) continue;
       first_.col(k).noalias() = a_ * batch.first[k].row(i).transpose();
-      for (Eigen::Index m = 0; m <= k; ++m) {
-        const Eigen::Index km = k * (k + 1) / 2 + m;
+      for (Index m = 0; m <= k; ++m) {
+        const Index km = k * (k + 1) / 2 + m;
         hessian(row, km) = batch.second[km].row(i).dot(weight_) - first_.col(k).dot(first_.col(m));
       }
     }
   }
 
-  static constexpr Eigen::Index k_block = 16;
+  static constexpr Index k_block = 16;
 
   const ParameterFunctions& functions_;
   Eigen::MatrixXd a_;

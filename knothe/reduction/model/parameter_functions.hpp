@@ -4,6 +4,8 @@
 #include <memory>
 #include <vector>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::reduction {
 
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -15,7 +17,7 @@ struct FunctionBatch {
   std::vector<RowMatrix> second;  ///< d(d+1)/2 matrices n × r: ∂²w/∂p_a∂p_b at index a(a+1)/2 + b, a ≥ b
 
   /// Makes room; keeps the memory it has where that suffices.
-  void resize(Eigen::Index n, Eigen::Index d, Eigen::Index r, int derivatives) {
+  void resize(Index n, Index d, Index r, int derivatives) {
     value.resize(n, r);
     if (derivatives >= 1) {
       first.resize(d);
@@ -50,8 +52,8 @@ class QuadraticForm {
 class ParameterFunctions {
  public:
   virtual ~ParameterFunctions() = default;
-  [[nodiscard]] virtual Eigen::Index dimension() const = 0;  ///< d
-  [[nodiscard]] virtual Eigen::Index count() const = 0;      ///< r
+  [[nodiscard]] virtual Index dimension() const = 0;  ///< d
+  [[nodiscard]] virtual Index count() const = 0;      ///< r
   /// The box on which the functions are known; ±infinity where the model is unbounded. Nothing extrapolates:
   /// points are inside (a rounding error outside counts as on the border).
   [[nodiscard]] virtual Eigen::VectorXd lower() const = 0;

@@ -6,6 +6,7 @@
 #include <cstdlib>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/reduction/grid/validation.hpp"
 
@@ -24,13 +25,13 @@ std::vector<std::size_t> order_of(const ModelContents& contents, std::span<const
       throw ProjectError(fmt::format("the model has no parameter {}{}; it has: {}", name,
                                      did_you_mean(name, known), fmt::join(known, ", ")));
     }
-    const auto position = static_cast<std::size_t>(found - known.begin());
+    const std::size_t position = found - known.begin();
     if (std::find(order.begin(), order.end(), position) != order.end()) {
       throw ProjectError(fmt::format("parameter {} is named twice", name));
     }
     order.push_back(position);
   }
-  for (std::size_t i = 0; i < known.size(); ++i) {
+  for (Index i = 0; i < std::ssize(known); ++i) {
     if (std::find(order.begin(), order.end(), i) == order.end()) {
       throw ProjectError(fmt::format("the model's parameter {} is missing among those given: it has {}",
                                      known[i], fmt::join(known, ", ")));
@@ -51,9 +52,9 @@ std::vector<double> permuted(const std::vector<double>& values, const files::Sha
     std::vector<std::size_t> index(grid.size(), 0);
     for (std::size_t point = 0; point < points; ++point) {
       std::size_t source = 0;
-      for (std::size_t k = 0; k < order.size(); ++k) source += index[k] * stride[order[k]];
-      const auto first = values.begin() + static_cast<std::ptrdiff_t>((block * points + source) * after);
-      result.insert(result.end(), first, first + static_cast<std::ptrdiff_t>(after));
+      for (Index k = 0; k < std::ssize(order); ++k) source += index[k] * stride[order[k]];
+      const auto first = values.begin() + (block * points + source) * after;
+      result.insert(result.end(), first, first + after);
       for (std::size_t k = order.size(); k-- > 0;) {
         if (++index[k] < grid[order[k]]) break;
         index[k] = 0;
@@ -75,7 +76,7 @@ ModelContents with_parameter_order(ModelContents contents, std::span<const std::
     output.values = permuted(output.values, grid, order, 1, contents.time.size());
   }
   const ModelContents before = contents;
-  for (std::size_t k = 0; k < order.size(); ++k) {
+  for (Index k = 0; k < std::ssize(order); ++k) {
     contents.axes[k] = before.axes[order[k]];
     if (contents.form == Form::canonical) contents.parameters[k] = before.parameters[order[k]];
   }
@@ -97,7 +98,7 @@ std::vector<double> point_at(const std::string& text, const std::vector<std::str
     }
     char* rest = nullptr;
     const std::string number = item.substr(equals + 1);
-    const auto k = static_cast<std::size_t>(it - names.begin());
+    const std::size_t k = it - names.begin();
     values[k] = std::strtod(number.c_str(), &rest);
     if (number.empty() || *rest != '\0')
       throw UsageError(fmt::format("--at {}: \"{}\" is not a number", text, number));
@@ -105,7 +106,7 @@ std::vector<double> point_at(const std::string& text, const std::vector<std::str
     given[k] = true;
     begin = end + 1;
   }
-  for (std::size_t k = 0; k < names.size(); ++k) {
+  for (Index k = 0; k < std::ssize(names); ++k) {
     if (!given[k]) throw UsageError(fmt::format("--at {}: the value of \"{}\" is missing", text, names[k]));
   }
   return values;

@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/functions/cubic_spline.hpp"
 #include "knothe/numerics/integrate/quadrature.hpp"
 #include "knothe/reduction/model/deviation.hpp"
@@ -17,9 +18,9 @@ Eigen::MatrixXd spline_gram(std::span<const double> nodes) {
   const numerics::CubicSplineBasis basis(nodes);
   const double length = nodes.back() - nodes.front();
   Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(basis.size(), basis.size());
-  for (std::size_t i = 0; i + 1 < nodes.size(); ++i) {
+  for (Index i = 0; i + 1 < std::ssize(nodes); ++i) {
     const numerics::Quadrature rule = numerics::gauss_legendre(4, nodes[i], nodes[i + 1]);
-    for (Eigen::Index q = 0; q < rule.weights.size(); ++q) {
+    for (Index q = 0; q < rule.weights.size(); ++q) {
       const Eigen::VectorXd value = basis.cardinal_weights(rule.nodes[q]);
       gram.noalias() += rule.weights[q] / length * value * value.transpose();
     }
@@ -48,7 +49,7 @@ ParameterProduct::ParameterProduct(std::span<const Axis> axes, const Compression
 namespace {
 
 Eigen::MatrixXd multiplied(const std::vector<Eigen::MatrixXd>& factors, Eigen::MatrixXd columns) {
-  multiply_along_axes({columns.data(), static_cast<std::size_t>(columns.size())}, factors.size(),
+  multiply_along_axes(std::span(columns.data(), columns.size()), factors.size(),
                       [&](std::size_t i) -> const Eigen::MatrixXd& { return factors[i]; });
   return columns;
 }

@@ -8,6 +8,7 @@
 #include <map>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/reduction/model/model_matrices.hpp"
 #include "knothe/reduction/model/spline_functions.hpp"
@@ -31,7 +32,7 @@ std::vector<std::vector<double>> nodes_of(std::span<const Axis> axes) {
 
 std::shared_ptr<const ParameterFunctions> make_functions(const ModelContents& contents) {
   const auto nodes = nodes_of(contents.axes);
-  const auto r = static_cast<Eigen::Index>(contents.parameter_modes);
+  const Index r = contents.parameter_modes;
   if (contents.form == Form::canonical)
     return std::make_shared<CanonicalFunctions>(nodes, contents.parameters, r);
   return std::make_shared<JointFunctions>(nodes, contents.joint, r);
@@ -39,30 +40,26 @@ std::shared_ptr<const ParameterFunctions> make_functions(const ModelContents& co
 
 /// An output's values [grid, n_t] become n_t functions on the grid.
 JointFunctions make_output(const ModelContents& contents, const SnapshotOutput& output) {
-  const auto times = static_cast<Eigen::Index>(contents.time.size());
-  const auto grid = static_cast<Eigen::Index>(output.values.size()) / times;
+  const auto times = std::ssize(contents.time);
+  const auto grid = std::ssize(output.values) / times;
   const RowMatrix by_time = Eigen::Map<const RowMatrix>(output.values.data(), grid, times).transpose();
-  return JointFunctions(nodes_of(contents.axes),
-                        std::span(by_time.data(), static_cast<std::size_t>(by_time.size())), times);
+  return JointFunctions(nodes_of(contents.axes), std::span(by_time.data(), by_time.size()), times);
 }
 
 /// A named dof as an output, from the model at the nodes of the grid.
 SnapshotOutput output_of(const ModelContents& contents, std::size_t dof, const RowMatrix& functions) {
-  const auto row = static_cast<Eigen::Index>(dof), times = static_cast<Eigen::Index>(contents.time.size());
+  const Index row = dof, times = std::ssize(contents.time);
   RowMatrix values(functions.cols(), times);
-  for (Eigen::Index t = 0; t < times; ++t)
-    values.col(t) =
-        ((space_of(contents).row(row) * core_of(contents, static_cast<std::size_t>(t))) * functions)
-            .transpose()
-            .array() +
-        lift_of(contents)(row, t);
+  for (Index t = 0; t < times; ++t)
+    values.col(t) = ((space_of(contents).row(row) * core_of(contents, t)) * functions).transpose().array() +
+                    lift_of(contents)(row, t);
   const Quantity& quantity = contents.quantities[dof];
   return {quantity.name, {quantity.units, quantity.name}, {values.data(), values.data() + values.size()}};
 }
 
 void add_quantities(ModelContents& contents) {
   const RowMatrix functions = contents.quantities.empty() ? RowMatrix() : functions_on_grid(contents);
-  for (std::size_t dof = 0; dof < contents.quantities.size(); ++dof) {
+  for (Index dof = 0; dof < std::ssize(contents.quantities); ++dof) {
     const bool is_there = std::any_of(
         contents.outputs.begin(), contents.outputs.end(),
         [&](const SnapshotOutput& output) { return output.name == contents.quantities[dof].name; });
@@ -76,15 +73,15 @@ Eigen::MatrixXd point_in_box(std::span<const double> p, const ModelContents& con
     throw UsageError(
         fmt::format("{} parameter values given, the model has {}", p.size(), contents.axes.size()));
   }
-  Eigen::MatrixXd point(1, static_cast<Eigen::Index>(p.size()));
-  for (std::size_t i = 0; i < p.size(); ++i) {
+  Eigen::MatrixXd point(1, std::ssize(p));
+  for (Index i = 0; i < std::ssize(p); ++i) {
     const auto& nodes = contents.axes[i].nodes;
     const double slack = 1e-9 * (nodes.back() - nodes.front());
     if (!(p[i] >= nodes.front() - slack && p[i] <= nodes.back() + slack)) {
       throw UsageError(fmt::format("parameter {} = {} is outside the model's box [{}, {}]",
                                    contents.axes[i].name, p[i], nodes.front(), nodes.back()));
     }
-    point(0, static_cast<Eigen::Index>(i)) = p[i];
+    point(0, i) = p[i];
   }
   return point;
 }
@@ -94,7 +91,7 @@ template <class Map>
 FieldDerivatives assemble(const FunctionBatch& w, std::size_t d, int derivatives,
                           const Eigen::VectorXd& offset, const Map& map) {
   FieldDerivatives result;
-  result.count = static_cast<std::size_t>(offset.size());
+  result.count = offset.size();
   result.dimension = d;
   const Eigen::VectorXd value = offset + map(w.value);
   result.value.assign(value.begin(), value.end());
@@ -125,19 +122,18 @@ FunctionBatch evaluate_functions(const ParameterFunctions& functions, const Eige
 }  // namespace
 
 RowMatrix functions_on_grid(const ModelContents& contents) {
-  const auto r = static_cast<Eigen::Index>(contents.parameter_modes);
-  Eigen::Index grid = 1;
-  for (const std::size_t n : contents.grid_shape()) grid *= static_cast<Eigen::Index>(n);
+  const Index r = contents.parameter_modes;
+  Index grid = 1;
+  for (const std::size_t n : contents.grid_shape()) grid *= n;
   if (contents.form == Form::tree) return Eigen::Map<const RowMatrix>(contents.joint.data(), r, grid);
   // A product of splines is the tensor-product spline through the products at the nodes.
   RowMatrix values = RowMatrix::Ones(r, 1);
-  for (std::size_t a = 0; a < contents.axes.size(); ++a) {
-    const auto n = static_cast<Eigen::Index>(contents.axes[a].nodes.size());
+  for (Index a = 0; a < std::ssize(contents.axes); ++a) {
+    const auto n = std::ssize(contents.axes[a].nodes);
     const Eigen::Map<const RowMatrix> axis(contents.parameters[a].data(), r, n);
     RowMatrix next(r, values.cols() * n);
-    for (Eigen::Index k = 0; k < r; ++k) {
-      for (Eigen::Index g = 0; g < values.cols(); ++g)
-        next.row(k).segment(g * n, n) = values(k, g) * axis.row(k);
+    for (Index k = 0; k < r; ++k) {
+      for (Index g = 0; g < values.cols(); ++g) next.row(k).segment(g * n, n) = values(k, g) * axis.row(k);
     }
     values = std::move(next);
   }
@@ -145,23 +141,22 @@ RowMatrix functions_on_grid(const ModelContents& contents) {
 }
 
 Eigen::Map<const Eigen::MatrixXd> space_of(const ModelContents& contents) {
-  return {contents.space.data(), static_cast<Eigen::Index>(contents.dof_count()),
-          static_cast<Eigen::Index>(contents.space_modes)};
+  return Eigen::Map<const Eigen::MatrixXd>(contents.space.data(), contents.dof_count(), contents.space_modes);
 }
 
 Eigen::Map<const Eigen::MatrixXd> lift_of(const ModelContents& contents) {
-  return {contents.lift.data(), static_cast<Eigen::Index>(contents.dof_count()),
-          static_cast<Eigen::Index>(contents.time.size())};
+  return Eigen::Map<const Eigen::MatrixXd>(contents.lift.data(), contents.dof_count(),
+                                           std::ssize(contents.time));
 }
 
 Eigen::MatrixXd core_of(const ModelContents& contents, std::size_t step) {
-  const auto l = static_cast<Eigen::Index>(contents.space_modes);
-  const auto r = static_cast<Eigen::Index>(contents.parameter_modes);
-  const auto t = static_cast<Eigen::Index>(step);
+  const Index l = contents.space_modes;
+  const Index r = contents.parameter_modes;
+  const Index t = step;
   if (contents.form == Form::tree) {
     return Eigen::Map<const RowMatrix>(contents.temporal.data() + t * l * r, l, r);
   }
-  const auto times = static_cast<Eigen::Index>(contents.time.size());
+  const auto times = std::ssize(contents.time);
   return Eigen::Map<const RowMatrix>(contents.temporal.data(), l, times).col(t).asDiagonal();
 }
 
@@ -219,7 +214,7 @@ std::vector<std::string> SeparatedModel::output_names() const {
 
 std::optional<std::size_t> SeparatedModel::quantity(const std::string& name) const {
   const std::vector<Quantity>& quantities = contents().quantities;
-  for (std::size_t dof = 0; dof < quantities.size(); ++dof)
+  for (Index dof = 0; dof < std::ssize(quantities); ++dof)
     if (quantities[dof].name == name) return dof;
   return std::nullopt;
 }
@@ -249,7 +244,7 @@ FieldDerivatives SeparatedModel::evaluate(std::span<const double> p, std::size_t
       return space * coefficients;
     });
   }
-  const std::vector<Eigen::Index> rows(dofs.begin(), dofs.end());
+  const std::vector<Index> rows(dofs.begin(), dofs.end());
   return assemble(w, dimension(), derivatives, lift(rows), [&](const RowMatrix& row) -> Eigen::VectorXd {
     const Eigen::VectorXd coefficients = core * row.transpose();
     return space(rows, Eigen::all) * coefficients;
@@ -265,7 +260,7 @@ FieldDerivatives SeparatedModel::evaluate_output(const std::string& name, std::s
                                  names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
   }
   const FunctionBatch w = evaluate_functions(found->second, point_in_box(p, contents()), derivatives);
-  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(step_count()));
+  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(step_count());
   return assemble(w, dimension(), derivatives, zero,
                   [](const RowMatrix& row) -> Eigen::VectorXd { return row.transpose(); });
 }

@@ -1,10 +1,12 @@
 #include "knothe/reduction/model/spline_axis.hpp"
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::reduction {
 
 SplineAxis::SplineAxis(const numerics::CubicSplineBasis& basis)
     : breaks_(basis.breaks().begin(), basis.breaks().end()), active_(basis.active()) {
-  for (std::size_t j = 0; j < basis.pieces().size(); ++j) {
+  for (Index j = 0; j < std::ssize(basis.pieces()); ++j) {
     const auto& c = basis.pieces()[j];  // in x − left = half (1 + t)
     const double half = 0.5 * (breaks_[j + 1] - breaks_[j]);
     middle_.push_back(0.5 * (breaks_[j] + breaks_[j + 1]));
@@ -19,9 +21,9 @@ SplineAxis::SplineAxis(const numerics::CubicSplineBasis& basis)
   }
   // As many bins as equal nodes have intervals, where the second and the last but one node end no piece.
   const std::size_t bins = pieces_.size() + 2;
-  bins_per_unit_ = static_cast<double>(bins) / (breaks_.back() - breaks_.front());
+  bins_per_unit_ = bins / (breaks_.back() - breaks_.front());
   for (std::size_t bin = 0, j = 0; bin < bins; ++bin) {
-    const double left = breaks_.front() + static_cast<double>(bin) / bins_per_unit_;
+    const double left = breaks_.front() + bin / bins_per_unit_;
     while (j + 1 < pieces_.size() && left >= breaks_[j + 1] - 1e-9 / bins_per_unit_) ++j;
     first_piece_.push_back(j);
   }

@@ -31,8 +31,7 @@ class SplineAxis {
     const double inside = std::clamp(x, breaks_.front(), breaks_.back());
     const double bin = (inside - breaks_.front()) * bins_per_unit_;
     // Not a number stays one: it is found in the first piece.
-    std::size_t j =
-        first_piece_[bin > 0 ? std::min(static_cast<std::size_t>(bin), first_piece_.size() - 1) : 0];
+    std::size_t j = first_piece_[bin > 0 ? std::min<std::size_t>(bin, first_piece_.size() - 1) : 0];
     while (j > 0 && inside < breaks_[j]) --j;
     while (j + 1 < pieces_.size() && inside >= breaks_[j + 1]) ++j;
     return {j, (inside - middle_[j]) * scale_[j]};
@@ -43,7 +42,7 @@ class SplineAxis {
   void evaluate(const Place& place, numerics::CubicSplineBasis::Local& local) const {
     const Piece& c = pieces_[place.piece];
     const double t = place.t, scale = scale_[place.piece];
-    local.first = static_cast<Eigen::Index>(place.piece);
+    local.first = place.piece;
     // The four functions side by side.
     typedef double Four __attribute__((vector_size(4 * sizeof(double))));
     const auto row = [&](std::size_t power) { return std::bit_cast<Four>(c[power]); };

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstring>
 
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/functions/cubic_spline.hpp"
 #include "knothe/reduction/model/spline_functions.hpp"
 
@@ -19,16 +20,16 @@ typedef double Lanes __attribute__((vector_size(k_lane_count * sizeof(double))))
 }
 
 /// Writes the first `n` (at most 8) lanes.
-[[gnu::always_inline]] inline void store(double* to, const Lanes& lanes, Eigen::Index n) {
+[[gnu::always_inline]] inline void store(double* to, const Lanes& lanes, Index n) {
   if (n >= k_lane_count) {
     std::memcpy(to, &lanes, sizeof lanes);
   } else {
-    for (Eigen::Index i = 0; i < n; ++i) to[i] = lanes[i];
+    for (Index i = 0; i < n; ++i) to[i] = lanes[i];
   }
 }
 
 /// n rounded up to full lanes.
-[[nodiscard]] constexpr Eigen::Index round_up_to_lanes(Eigen::Index n) {
+[[nodiscard]] constexpr Index round_up_to_lanes(Index n) {
   return (n + k_lane_count - 1) / k_lane_count * k_lane_count;
 }
 

@@ -6,6 +6,7 @@
 #include <cassert>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/reduction/model/canonical_quadratic_form.hpp"
 #include "knothe/reduction/model/joint_quadratic_form.hpp"
 #include "knothe/reduction/model/spline_contraction.hpp"
@@ -23,21 +24,21 @@ struct PointTask {
   const Local* local;
   const std::ptrdiff_t* strides;
   const int* active;
-  Eigen::Index row;
-  Eigen::Index count;
+  Index row;
+  Index count;
 };
 
 template <std::size_t D, int Derivatives>
 void evaluate_point(const PointTask& task, FunctionBatch& out) {
-  for (Eigen::Index k = 0; k < task.count; k += k_lane_count) {
+  for (Index k = 0; k < task.count; k += k_lane_count) {
     const auto jet = contract<D, Derivatives>(task.coefficients + k, task.local, task.strides, task.active);
-    const Eigen::Index n = task.count - k;
+    const Index n = task.count - k;
     store(&out.value(task.row, k), jet.value, n);
     if constexpr (Derivatives >= 1) {
       for (std::size_t a = 0; a < D; ++a) store(&out.first[a](task.row, k), jet.first[a], n);
     }
     if constexpr (Derivatives >= 2) {
-      for (std::size_t ab = 0; ab < jet.second.size(); ++ab)
+      for (Index ab = 0; ab < std::ssize(jet.second); ++ab)
         store(&out.second[ab](task.row, k), jet.second[ab], n);
     }
   }
@@ -68,39 +69,39 @@ class Workspace {
 
 }  // namespace
 
-SplineFunctions::SplineFunctions(std::span<const std::vector<double>> nodes, Eigen::Index count)
+SplineFunctions::SplineFunctions(std::span<const std::vector<double>> nodes, Index count)
     : count_(count), padded_(round_up_to_lanes(count)) {
   for (const auto& axis : nodes) axes_.emplace_back(bases_.emplace_back(axis));
 }
 
 Eigen::VectorXd SplineFunctions::lower() const {
   Eigen::VectorXd corner(dimension());
-  for (Eigen::Index i = 0; i < dimension(); ++i) corner[i] = bases_[i].nodes().front();
+  for (Index i = 0; i < dimension(); ++i) corner[i] = bases_[i].nodes().front();
   return corner;
 }
 
 Eigen::VectorXd SplineFunctions::upper() const {
   Eigen::VectorXd corner(dimension());
-  for (Eigen::Index i = 0; i < dimension(); ++i) corner[i] = bases_[i].nodes().back();
+  for (Index i = 0; i < dimension(); ++i) corner[i] = bases_[i].nodes().back();
   return corner;
 }
 
 template <int Derivatives>
-void SplineFunctions::localise(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Index row,
+void SplineFunctions::localise(const Eigen::Ref<const Eigen::MatrixXd>& points, Index row,
                                std::span<Local> local) const {
-  for (std::size_t i = 0; i < axes_.size(); ++i)
-    axes_[i].evaluate<Derivatives>(axes_[i].locate(points(row, static_cast<Eigen::Index>(i))), local[i]);
+  for (Index i = 0; i < std::ssize(axes_); ++i)
+    axes_[i].evaluate<Derivatives>(axes_[i].locate(points(row, i)), local[i]);
 }
 
 CanonicalFunctions::CanonicalFunctions(std::span<const std::vector<double>> nodes,
-                                       std::span<const std::vector<double>> values, Eigen::Index count)
+                                       std::span<const std::vector<double>> values, Index count)
     : SplineFunctions(nodes, count) {
   assert(values.size() == bases_.size());
-  for (std::size_t i = 0; i < bases_.size(); ++i) {
-    const Eigen::Index n = bases_[i].size();
+  for (Index i = 0; i < std::ssize(bases_); ++i) {
+    const Index n = bases_[i].size();
     const Eigen::Map<const RowMatrix> at_nodes(values[i].data(), count, n);
     const RowMatrix fitted = bases_[i].coefficients_from_values() * at_nodes.transpose();
-    auto& stored = coefficients_.emplace_back(static_cast<std::size_t>((n + 3) * padded_), 0.0);
+    auto& stored = coefficients_.emplace_back((n + 3) * padded_, 0.0);
     Eigen::Map<RowMatrix>(stored.data(), n + 3, padded_).topLeftCorner(n, count) = fitted;
   }
 }
@@ -120,10 +121,10 @@ void CanonicalFunctions::evaluate_all(const Eigen::Ref<const Eigen::MatrixXd>& p
   Workspace<std::array<Lanes, Derivatives + 1>> factor_space;
   const auto local = local_space.first(d);
   const auto factor = factor_space.first(d);  // α, α', α'' of every axis
-  for (Eigen::Index row = 0; row < points.rows(); ++row) {
+  for (Index row = 0; row < points.rows(); ++row) {
     localise<Derivatives>(points, row, local);
-    for (Eigen::Index k = 0; k < count_; k += k_lane_count) {
-      const Eigen::Index n = count_ - k;
+    for (Index k = 0; k < count_; k += k_lane_count) {
+      const Index n = count_ - k;
       if constexpr (Derivatives == 0) {
         Lanes product = Lanes{} + 1.0;
         for (std::size_t i = 0; i < d; ++i) {
@@ -138,7 +139,7 @@ void CanonicalFunctions::evaluate_all(const Eigen::Ref<const Eigen::MatrixXd>& p
         const double* c = coefficients_[i].data() + local[i].first * padded_ + k;
         factor[i] = {};
         for (std::size_t f = 0; f < 4; ++f) {
-          const Lanes lanes = load(c + static_cast<Eigen::Index>(f) * padded_);
+          const Lanes lanes = load(c + f * padded_);
           factor[i][0] += local[i].value[f] * lanes;
           if constexpr (Derivatives >= 1) factor[i][1] += local[i].first_derivative[f] * lanes;
           if constexpr (Derivatives >= 2) factor[i][2] += local[i].second_derivative[f] * lanes;
@@ -165,12 +166,11 @@ RowMatrix CanonicalFunctions::axis_values(std::size_t axis,
                                           const Eigen::Ref<const Eigen::VectorXd>& nodes) const {
   RowMatrix values = RowMatrix::Zero(nodes.size(), count_);
   const auto ends = bases_[axis].nodes();
-  for (Eigen::Index j = 0; j < nodes.size(); ++j) {
+  for (Index j = 0; j < nodes.size(); ++j) {
     const Local local = bases_[axis].evaluate(std::clamp(nodes[j], ends.front(), ends.back()));
-    for (Eigen::Index f = 0; f < bases_[axis].active(); ++f)
-      values.row(j) += local.value[static_cast<std::size_t>(f)] *
-                       Eigen::Map<const Eigen::RowVectorXd>(
-                           coefficients_[axis].data() + (local.first + f) * padded_, count_);
+    for (Index f = 0; f < bases_[axis].active(); ++f)
+      values.row(j) += local.value[f] * Eigen::Map<const Eigen::RowVectorXd>(
+                                            coefficients_[axis].data() + (local.first + f) * padded_, count_);
   }
   return values;
 }
@@ -179,13 +179,13 @@ std::unique_ptr<QuadraticForm> CanonicalFunctions::make_quadratic_form() const {
   if (dimension() > 3) return ParameterFunctions::make_quadratic_form();
   return std::make_unique<CanonicalQuadraticForm>(
       ParameterFunctions::make_quadratic_form(), dimension(),
-      [this](Eigen::Index axis, const Eigen::Ref<const Eigen::VectorXd>& nodes) {
-        return axis_values(static_cast<std::size_t>(axis), nodes);
+      [this](Index axis, const Eigen::Ref<const Eigen::VectorXd>& nodes) {
+        return axis_values(axis, nodes);
       });
 }
 
 JointFunctions::JointFunctions(std::span<const std::vector<double>> nodes, std::span<const double> values,
-                               Eigen::Index count)
+                               Index count)
     : SplineFunctions(nodes, count) {
   const std::size_t d = bases_.size();
   if (d == 0 || d > k_max_parameters) {
@@ -198,10 +198,10 @@ JointFunctions::JointFunctions(std::span<const std::vector<double>> nodes, std::
   multiply_along_axes(fitted, d, [&](std::size_t i) -> const Eigen::MatrixXd& {
     return bases_[i].coefficients_from_values();
   });
-  Eigen::Index grid = 1;
+  Index grid = 1;
   for (const numerics::CubicSplineBasis& basis : bases_) grid *= basis.size();
-  assert(static_cast<Eigen::Index>(values.size()) == grid * count);
-  coefficients_.assign(static_cast<std::size_t>(grid * padded_), 0.0);
+  assert(std::ssize(values) == grid * count);
+  coefficients_.assign(grid * padded_, 0.0);
   Eigen::Map<RowMatrix>(coefficients_.data(), grid, padded_).leftCols(count) =
       Eigen::Map<const RowMatrix>(fitted.data(), count, grid).transpose();
   strides_.resize(d);
@@ -222,7 +222,7 @@ void JointFunctions::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, i
   const auto local = local_space.first(d);
   std::array<int, k_max_parameters> active{};
   for (std::size_t i = 0; i < d; ++i) active[i] = bases_[i].active();
-  for (Eigen::Index row = 0; row < points.rows(); ++row) {
+  for (Index row = 0; row < points.rows(); ++row) {
     derivatives == 0 ? localise<0>(points, row, local) : localise<2>(points, row, local);
     const double* start = coefficients_.data();
     for (std::size_t i = 0; i < d; ++i) start += local[i].first * strides_[i];
@@ -232,9 +232,8 @@ void JointFunctions::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, i
 
 Eigen::VectorXd JointFunctions::magnitude(const Eigen::VectorXd& centre) const {
   // The B-splines are non-negative and sum to one: w(p) is a mean of coefficients.
-  const Eigen::Map<const RowMatrix> table(
-      coefficients_.data(),
-      static_cast<Eigen::Index>(coefficients_.size()) / std::max<Eigen::Index>(padded_, 1), padded_);
+  const Eigen::Map<const RowMatrix> table(coefficients_.data(),
+                                          std::ssize(coefficients_) / std::max<Index>(padded_, 1), padded_);
   return (table.leftCols(count_).rowwise() - centre.transpose()).cwiseAbs().colwise().maxCoeff().transpose();
 }
 

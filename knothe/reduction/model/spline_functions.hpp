@@ -3,6 +3,7 @@
 #include <span>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/functions/cubic_spline.hpp"
 #include "knothe/reduction/model/parameter_functions.hpp"
 #include "knothe/reduction/model/spline_axis.hpp"
@@ -10,29 +11,29 @@
 namespace knothe::reduction {
 
 /// Doubles that are worked on together; r is padded to a multiple of it.
-inline constexpr Eigen::Index k_lane_count = 8;
+inline constexpr Index k_lane_count = 8;
 
 /// The part that both kinds share: axes, box, spline bases.
 class SplineFunctions : public ParameterFunctions {
  public:
-  [[nodiscard]] Eigen::Index dimension() const final { return static_cast<Eigen::Index>(bases_.size()); }
-  [[nodiscard]] Eigen::Index count() const final { return count_; }
+  [[nodiscard]] Index dimension() const final { return std::ssize(bases_); }
+  [[nodiscard]] Index count() const final { return count_; }
   [[nodiscard]] Eigen::VectorXd lower() const final;
   [[nodiscard]] Eigen::VectorXd upper() const final;
 
  protected:
   /// `nodes`: those of each axis. Errors of the spline (not increasing …) pass on as UsageError.
-  SplineFunctions(std::span<const std::vector<double>> nodes, Eigen::Index count);
+  SplineFunctions(std::span<const std::vector<double>> nodes, Index count);
   /// The local spline basis of every axis at one point (row `row` of `points`), which is moved into the box,
   /// with derivatives up to this order.
   template <int Derivatives>
-  void localise(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Index row,
+  void localise(const Eigen::Ref<const Eigen::MatrixXd>& points, Index row,
                 std::span<numerics::CubicSplineBasis::Local> local) const;
 
   std::vector<numerics::CubicSplineBasis> bases_;
   std::vector<SplineAxis> axes_;  ///< the same, made for finding points
-  Eigen::Index count_;            ///< r
-  Eigen::Index padded_;           ///< r rounded up to full lanes
+  Index count_;                   ///< r
+  Index padded_;                  ///< r rounded up to full lanes
 };
 
 /// Canonical form: w_k(p) = Π_i α_k^i(p_i) (Rubio et al. 2019, Eq. 12 and 15).
@@ -40,7 +41,7 @@ class CanonicalFunctions final : public SplineFunctions {
  public:
   /// `values[i]`: [r, nᵢ] in C order, α_k^i at the nodes of axis i.
   CanonicalFunctions(std::span<const std::vector<double>> nodes, std::span<const std::vector<double>> values,
-                     Eigen::Index count);
+                     Index count);
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                 FunctionBatch& out) const override;
   [[nodiscard]] std::unique_ptr<QuadraticForm> make_quadratic_form() const override;
@@ -58,8 +59,7 @@ class CanonicalFunctions final : public SplineFunctions {
 class JointFunctions final : public SplineFunctions {
  public:
   /// `values`: [r, n₁, …, n_d] in C order.
-  JointFunctions(std::span<const std::vector<double>> nodes, std::span<const double> values,
-                 Eigen::Index count);
+  JointFunctions(std::span<const std::vector<double>> nodes, std::span<const double> values, Index count);
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                 FunctionBatch& out) const override;
   [[nodiscard]] Eigen::VectorXd magnitude(const Eigen::VectorXd& centre) const override;

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <span>
 
+#include "knothe/base/index.hpp"
 #include "knothe/reduction/model/parameter_functions.hpp"
 
 namespace knothe::reduction {
@@ -11,15 +12,15 @@ namespace knothe::reduction {
 /// n_i × n_i matrix `factors(i)`: ⊗_i factors(i) times each, in Σ n_i operations per entry.
 template <class Factors>
 void multiply_along_axes(std::span<double> values, std::size_t axes, const Factors& factors) {
-  Eigen::Index after = 1;  // entries between neighbours along the axis
+  Index after = 1;  // entries between neighbours along the axis
   for (std::size_t i = axes; i-- > 0;) {
     const Eigen::MatrixXd& factor = factors(i);
-    const Eigen::Index n = factor.rows(), size = static_cast<Eigen::Index>(values.size());
+    const Index n = factor.rows(), size = std::ssize(values);
     if (after == 1) {
       Eigen::Map<Eigen::MatrixXd> lines(values.data(), n, size / n);
       lines = (factor * lines).eval();
     } else {
-      for (Eigen::Index block = 0; block < size; block += n * after) {
+      for (Index block = 0; block < size; block += n * after) {
         Eigen::Map<RowMatrix> part(values.data() + block, n, after);
         part = (factor * part).eval();
       }

@@ -3,17 +3,19 @@
 #include <algorithm>
 #include <cassert>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::reduction {
 namespace {
 
 ObservedModel combined(const ObservedModel& model, std::span<const double> times,
                        std::vector<double> TimeWeights::*kind) {
   ObservedModel result{model.functions, model.parameters, {times.begin(), times.end()}, model.space, {}, {}};
-  result.lift.setZero(model.lift.rows(), static_cast<Eigen::Index>(times.size()));
-  for (std::size_t i = 0; i < times.size(); ++i) {
+  result.lift.setZero(model.lift.rows(), std::ssize(times));
+  for (Index i = 0; i < std::ssize(times); ++i) {
     const TimeWeights w = interpolate_in_time(model.time, times[i]);
     Eigen::MatrixXd core = Eigen::MatrixXd::Zero(model.space.cols(), model.functions->count());
-    for (std::size_t k = 0; k < w.index.size(); ++k) {
+    for (Index k = 0; k < std::ssize(w.index); ++k) {
       const double weight = (w.*kind)[k];
       if (weight == 0) continue;
       core += weight * model.core[w.index[k]];
@@ -29,7 +31,7 @@ ObservedModel combined(const ObservedModel& model, std::span<const double> times
 TimeWeights interpolate_in_time(std::span<const double> time, double at) {
   assert(!time.empty());
   const std::size_t n = std::min<std::size_t>(4, time.size());
-  const auto after = static_cast<std::size_t>(std::lower_bound(time.begin(), time.end(), at) - time.begin());
+  const std::size_t after = std::lower_bound(time.begin(), time.end(), at) - time.begin();
   const std::size_t first = std::min(after < n / 2 ? 0 : after - n / 2, time.size() - n);
   const std::span<const double> t = time.subspan(first, n);
   TimeWeights w;

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
@@ -19,7 +20,6 @@
 
 namespace knothe::reduction {
 
-using Eigen::Index;
 using Eigen::MatrixXd;
 
 namespace {
@@ -43,7 +43,7 @@ class WeightedErrors {
   [[nodiscard]] std::size_t grid_count() const { return snapshots_.grid_size(); }
   [[nodiscard]] std::size_t count() const { return grid_count() + off_grid_.size(); }
   [[nodiscard]] double weight(std::size_t i) const {
-    return 1.0 / static_cast<double>(i < grid_count() ? grid_count() : off_grid_.size());
+    return 1.0 / (i < grid_count() ? grid_count() : off_grid_.size());
   }
   [[nodiscard]] std::vector<double> parameters(std::size_t i) const {
     return i < grid_count() ? snapshots_.parameters_at(i) : off_grid_[i - grid_count()].parameters;
@@ -71,7 +71,7 @@ class WeightedErrors {
       std::vector<MatrixXd> parts(std::min(k_together, count() - first));
       parallel_for(parts.size(), threads,
                    [&](std::size_t i) { parts[i] = error(first + i) * factor(first + i); });
-      for (std::size_t i = 0; i < parts.size(); ++i) (in_basis(first + i) ? coordinates : fields) += parts[i];
+      for (Index i = 0; i < std::ssize(parts); ++i) (in_basis(first + i) ? coordinates : fields) += parts[i];
     }
     if (basis_.size() > 0) fields.noalias() += basis_ * coordinates;
     return fields;
@@ -89,7 +89,7 @@ class WeightedErrors {
     const std::span<const double> values =
         i < grid_count() ? snapshots_.solution(i) : std::span(off_grid_[i - grid_count()].values);
     const Index times = lift_of(model_.contents()).cols();
-    if (static_cast<Index>(values.size()) != rows * times) refuse_sizes();
+    if (std::ssize(values) != rows * times) refuse_sizes();
     return {values.data(), rows, times};
   }
 
@@ -110,7 +110,7 @@ double persistence_of(std::span<const MatrixXd> coefficients, std::span<const do
   for (Index lag = 1; lag < coefficients.front().cols(); ++lag) {
     const Index n = coefficients.front().cols() - lag;
     double product = 0, early = 0, late = 0;
-    for (std::size_t i = 0; i < coefficients.size(); ++i) {
+    for (Index i = 0; i < std::ssize(coefficients); ++i) {
       const auto a = coefficients[i].leftCols(n), b = coefficients[i].rightCols(n);
       product += weights[i] * a.cwiseProduct(b).sum();
       early += weights[i] * a.squaredNorm();
@@ -125,21 +125,20 @@ double persistence_of(std::span<const MatrixXd> coefficients, std::span<const do
 
 TruncationError covariance_of(const WeightedErrors& errors, const ModelContents& contents, std::size_t modes,
                               std::size_t threads) {
-  const auto dofs = static_cast<Index>(contents.dof_count()),
-             times = static_cast<Index>(contents.time.size());
+  const Index dofs = contents.dof_count(), times = std::ssize(contents.time);
   // Randomised range finder, without ever keeping all errors: a sketch of twice the modes wanted.
   const Index most =
       std::min<Index>({static_cast<Index>(modes), dofs, times * static_cast<Index>(errors.count())});
   const Index width = std::min(2 * most, dofs);
   const MatrixXd sketch = errors.combined(width, threads, [&](std::size_t i) -> MatrixXd {
-    return std::sqrt(errors.weight(i)) * normal_matrix(times, width, 1 + static_cast<std::uint64_t>(i));
+    return std::sqrt(errors.weight(i)) * normal_matrix(times, width, 1 + i);
   });
   TruncationError result;
   // Errors that are sums of fewer modes have a space of fewer.
   const MatrixXd space = dominant_space(sketch, 0.0, 1, threads).basis;
   const Index k = std::min(most, space.cols());
   const MatrixXd basis = space.leftCols(k);
-  result.count = static_cast<std::size_t>(k);
+  result.count = k;
   result.space.assign(basis.data(), basis.data() + basis.size());
 
   const MatrixXd in_coordinates = errors.in_coordinates(basis);
@@ -155,8 +154,7 @@ TruncationError covariance_of(const WeightedErrors& errors, const ModelContents&
   });
   set_moments(coefficients, weights, result);
   for (std::size_t i = 0; i < errors.count(); ++i)
-    for (Index t = 0; t < times; ++t)
-      result.variance[t] += weights[i] * left[i][t] / static_cast<double>(dofs);
+    for (Index t = 0; t < times; ++t) result.variance[t] += weights[i] * left[i][t] / dofs;
   for (std::size_t i = errors.grid_count(); i < errors.count(); ++i) {
     result.off_grid.insert(result.off_grid.end(), coefficients[i].data(),
                            coefficients[i].data() + coefficients[i].size());
@@ -180,8 +178,7 @@ std::map<std::string, std::vector<double>> output_errors(const ModelContents& co
       for (const SnapshotOutput& exact : solution.outputs) {
         if (exact.name != output.name) continue;
         const std::vector<double> predicted = model.evaluate_output(output.name, solution.parameters).value;
-        for (std::size_t t = 0; t < predicted.size(); ++t)
-          of_output.push_back(exact.values[t] - predicted[t]);
+        for (Index t = 0; t < std::ssize(predicted); ++t) of_output.push_back(exact.values[t] - predicted[t]);
       }
     if (of_output.size() == solutions.size() * contents.time.size())
       errors[output.name] = std::move(of_output);
@@ -197,11 +194,11 @@ void set_moments(std::span<const MatrixXd> coefficients, std::span<const double>
   error.covariance.clear();
   for (Index t = 0; t < times; ++t) {
     MatrixXd second = MatrixXd::Zero(k, k);
-    for (std::size_t i = 0; i < coefficients.size(); ++i)
+    for (Index i = 0; i < std::ssize(coefficients); ++i)
       second.noalias() += weights[i] * coefficients[i].col(t) * coefficients[i].col(t).transpose();
     error.covariance.insert(error.covariance.end(), second.data(), second.data() + second.size());
   }
-  error.variance.assign(static_cast<std::size_t>(times), 0.0);
+  error.variance.assign(times, 0.0);
   error.persistence = persistence_of(coefficients, weights);
 }
 
@@ -242,13 +239,13 @@ namespace {
 /// V at the sensors, a row for each; zero for those of which no error is known.
 MatrixXd observed_space(const TruncationError& error, const ModelContents& model, const std::string& where,
                         const Sensors& sensors, std::span<const ScalarObservation> scalars) {
-  const auto q = static_cast<Index>(error.count);
-  const Eigen::Map<const MatrixXd> space(error.space.data(), static_cast<Index>(model.dof_count()), q);
+  const Index q = error.count;
+  const Eigen::Map<const MatrixXd> space(error.space.data(), model.dof_count(), q);
   const ObservationOperator operation(model.dofs, model.mesh, where, sensors);
-  MatrixXd observed = MatrixXd::Zero(static_cast<Index>(sensors.size()), q);
+  MatrixXd observed = MatrixXd::Zero(std::ssize(sensors), q);
   observed.topRows(operation.rows()) = operation.apply(space);
-  for (std::size_t k = 0; k < sensors.scalars.size(); ++k) {
-    auto row = observed.row(operation.rows() + static_cast<Index>(k));
+  for (Index k = 0; k < std::ssize(sensors.scalars); ++k) {
+    auto row = observed.row(operation.rows() + k);
     const auto is_named = [&](const auto& other) { return other.name == sensors.scalars[k]; };
     if (const auto quantity = std::find_if(model.quantities.begin(), model.quantities.end(), is_named);
         quantity != model.quantities.end())
@@ -256,7 +253,7 @@ MatrixXd observed_space(const TruncationError& error, const ModelContents& model
     else if (const auto scalar = std::find_if(scalars.begin(), scalars.end(), is_named);
              scalar != scalars.end())
       row = Eigen::Map<const Eigen::RowVectorXd>(scalar->coefficients.data(),
-                                                 static_cast<Index>(scalar->coefficients.size())) *
+                                                 std::ssize(scalar->coefficients)) *
             ObservationOperator(model.dofs, model.mesh, where, {scalar->points, scalar->components})
                 .apply(space);
   }
@@ -272,7 +269,7 @@ struct SeenOutput {
 std::vector<SeenOutput> seen_outputs(const TruncationError& error, const Sensors& sensors,
                                      std::span<const ScalarObservation> scalars) {
   std::vector<SeenOutput> seen;
-  for (std::size_t k = 0; k < sensors.scalars.size(); ++k) {
+  for (Index k = 0; k < std::ssize(sensors.scalars); ++k) {
     std::string name = sensors.scalars[k];
     for (const ScalarObservation& scalar : scalars)
       if (scalar.name == name && !scalar.output.empty()) name = scalar.output;
@@ -372,23 +369,22 @@ ObservedErrors observe_off_grid(const TruncationError& error, const ModelContent
                                 Index observations) {
   ObservedErrors known;
   if (error.off_grid_count() == 0) return known;
-  const auto q = static_cast<Index>(error.count), m = static_cast<Index>(error.off_grid_count());
-  const auto n_t = static_cast<Index>(error.variance.size());
+  const Index q = error.count, m = error.off_grid_count();
+  const auto n_t = std::ssize(error.variance);
   const std::vector<SeenOutput> outputs = seen_outputs(error, sensors, scalars);
-  const Index all = q + static_cast<Index>(outputs.size());
+  const Index all = q + std::ssize(outputs);
   known.space.setZero(observations, all);
-  known.space.topLeftCorner(static_cast<Index>(sensors.size()), q) =
-      observed_space(error, model, where, sensors, scalars);
+  known.space.topLeftCorner(std::ssize(sensors), q) = observed_space(error, model, where, sensors, scalars);
   // An output is a direction of its own.
-  for (Index k = q; k < all; ++k) known.space(outputs[static_cast<std::size_t>(k - q)].row, k) = 1;
+  for (Index k = q; k < all; ++k) known.space(outputs[k - q].row, k) = 1;
   if (known.space.isZero(0)) return {};
   const Eigen::Map<const MatrixXd> fields(error.off_grid.data(), q, n_t * m);
   const auto at = [&](Index t) -> MatrixXd {
     MatrixXd coefficients(all, m);
     coefficients.topRows(q) = fields(Eigen::all, Eigen::seqN(t, m, n_t));
     for (Index k = q; k < all; ++k) {
-      const std::vector<double>& errors = *outputs[static_cast<std::size_t>(k - q)].errors;
-      for (Index j = 0; j < m; ++j) coefficients(k, j) = errors[static_cast<std::size_t>(j * n_t + t)];
+      const std::vector<double>& errors = *outputs[k - q].errors;
+      for (Index j = 0; j < m; ++j) coefficients(k, j) = errors[j * n_t + t];
     }
     return coefficients;
   };
@@ -398,13 +394,13 @@ ObservedErrors observe_off_grid(const TruncationError& error, const ModelContent
   }
   if (error.off_grid_points.empty()) return known;
   // The model's parameters may stand in another order than the file's, and some be known.
-  const auto d = static_cast<Index>(model.axes.size()), all_d = static_cast<Index>(error.parameters.size());
+  const auto d = std::ssize(model.axes), all_d = std::ssize(error.parameters);
   known.points.resize(m, d);
   known.reach.resize(m, d);
   for (Index a = 0; a < d; ++a) {
     const auto found = std::find(error.parameters.begin(), error.parameters.end(), model.axes[a].name);
     for (Index j = 0; j < m; ++j) {
-      const auto entry = static_cast<std::size_t>(j * all_d + (found - error.parameters.begin()));
+      const std::size_t entry = j * all_d + (found - error.parameters.begin());
       known.points(j, a) = error.off_grid_points[entry];
       known.reach(j, a) = error.off_grid_reach[entry];
     }

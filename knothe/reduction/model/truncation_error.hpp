@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/reduction/compress/compression.hpp"
 #include "knothe/reduction/observe/scalar_observations.hpp"
 #include "knothe/reduction/observe/sensors.hpp"
@@ -80,7 +81,7 @@ struct ObservedErrors {
   /// k × d: where, by the observed model's parameters, and how far around it they speak (0: in the whole
   /// box); empty: all in the whole box.
   Eigen::MatrixXd points, reach;
-  [[nodiscard]] Eigen::Index count() const { return coefficients.empty() ? 0 : coefficients[0].cols(); }
+  [[nodiscard]] Index count() const { return coefficients.empty() ? 0 : coefficients[0].cols(); }
 };
 
 /// Of the off-grid solutions, at the sensors (places as in `observe`; a scalar is a quantity or an output of
@@ -90,7 +91,7 @@ struct ObservedErrors {
 [[nodiscard]] ObservedErrors observe_off_grid(const TruncationError& error, const ModelContents& model,
                                               const std::string& where, const Sensors& sensors,
                                               std::span<const ScalarObservation> scalars,
-                                              std::span<const double> times, Eigen::Index observations);
+                                              std::span<const double> times, Index observations);
 
 /// `knothe model import`, with the error that is known at the grid points.
 struct ImportedModel {

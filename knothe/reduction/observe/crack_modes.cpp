@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/linear/dense_svd.hpp"
 
 namespace knothe::reduction {
@@ -12,10 +13,10 @@ CrackSolutions crack_modes(std::span<const double> lengths, std::span<const doub
   if (lengths.empty() || values.size() % lengths.size() != 0)
     throw DataError(
         fmt::format("crack solutions: {} values for {} crack lengths", values.size(), lengths.size()));
-  const auto n = static_cast<Eigen::Index>(lengths.size());
-  const Eigen::Map<const RowMajor> solutions(values.data(), n, static_cast<Eigen::Index>(values.size()) / n);
+  const auto n = std::ssize(lengths);
+  const Eigen::Map<const RowMajor> solutions(values.data(), n, std::ssize(values) / n);
   const numerics::DenseSvd svd = numerics::dense_svd(solutions);
-  Eigen::Index kept = 0;
+  Index kept = 0;
   while (kept < svd.values.size() && svd.values[kept] > 1e-10 * svd.values[0]) ++kept;
   const RowMajor modes = svd.right.leftCols(kept).transpose();
   const RowMajor coefficients = svd.left.leftCols(kept) * svd.values.head(kept).asDiagonal();

@@ -22,7 +22,7 @@ ScalarObservation ScalarObservation::elongation(const std::string& name, std::sp
     if (direction == 0) continue;
     for (const auto& [point, sign] : {std::pair(to, 1.0), std::pair(from, -1.0)}) {
       sensor.points.insert(sensor.points.end(), point.begin(), point.end());
-      sensor.components.push_back(static_cast<std::int64_t>(c));
+      sensor.components.push_back(c);
       sensor.coefficients.push_back(sign * direction);
     }
   }

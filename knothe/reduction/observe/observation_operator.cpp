@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/reduction/observe/shape_functions.hpp"
 
 namespace knothe::reduction {
@@ -45,7 +46,7 @@ class DofFinder {
   [[nodiscard]] std::string nearest(const Eigen::Vector3d& target, std::int64_t component) const {
     double least = std::numeric_limits<double>::infinity();
     std::size_t best = 0;
-    for (std::size_t dof = 0; dof < dofs_.components.size(); ++dof) {
+    for (Index dof = 0; dof < std::ssize(dofs_.components); ++dof) {
       const double distance = (point(dof) - target).norm();
       if (dofs_.components[dof] == component && distance < least) {
         least = distance;
@@ -76,11 +77,11 @@ struct Location {
 
 std::optional<Location> locate(const Mesh& mesh, const ReferenceElement& element,
                                const Eigen::Vector3d& point) {
-  const auto k = static_cast<Eigen::Index>(mesh.nodes_per_cell);
+  const Index k = mesh.nodes_per_cell;
   ElementNodes x(3, k);
   for (std::size_t cell = 0; cell < mesh.cell_count(); ++cell) {
     const auto vertices = std::span(mesh.cells).subspan(cell * mesh.nodes_per_cell, mesh.nodes_per_cell);
-    for (Eigen::Index i = 0; i < k; ++i) {
+    for (Index i = 0; i < k; ++i) {
       x.col(i) = Eigen::Map<const Eigen::Vector3d>(mesh.points.data() + 3 * vertices[i]);
     }
     if (auto weights = element.weights_at(x, point, k_match_distance)) {
@@ -98,7 +99,7 @@ std::string describe(std::size_t i, const Eigen::Vector3d& point, std::int64_t c
 
 ReferenceElement element_of(const Mesh& mesh, const std::string& where, const std::string& observation) {
   const auto element = ReferenceElement::named(mesh.type);
-  if (!element || element->nodes() != static_cast<Eigen::Index>(mesh.nodes_per_cell)) {
+  if (!element || element->nodes() != static_cast<Index>(mesh.nodes_per_cell)) {
     throw DataError(fmt::format(
         "{}: {} is at no dof, and there is no interpolation on {} cells with {} nodes: place it at a dof, or "
         "use a mesh of VTK_HEXAHEDRON, VTK_TETRA, VTK_QUAD or VTK_TRIANGLE",
@@ -121,7 +122,7 @@ ObservationOperator::ObservationOperator(const Dofs& dofs, const std::optional<M
     throw DataError(fmt::format("{}: the model has no /dofs: it cannot be observed at points", where));
   }
   const DofFinder finder(dofs);
-  for (std::size_t i = 0; i < components.size(); ++i) {
+  for (Index i = 0; i < std::ssize(components); ++i) {
     const std::int64_t component = components[i];
     if (component < 0 || component > 2) {
       throw DataError(fmt::format("{}: observation {} has component {}: 0 (x), 1 (y) or 2 (z) is needed",
@@ -145,7 +146,7 @@ ObservationOperator::ObservationOperator(const Dofs& dofs, const std::optional<M
                                   finder.nearest(point, component)));
     }
     auto& row = rows_.emplace_back();
-    for (std::size_t k = 0; k < location->vertices.size(); ++k) {
+    for (Index k = 0; k < std::ssize(location->vertices); ++k) {
       const double weight = location->weights[k];
       if (weight == 0.0) continue;
       const std::int64_t vertex = location->vertices[k];
@@ -166,7 +167,7 @@ ObservationOperator::ObservationOperator(std::span<const std::size_t> dofs) {
 
 Eigen::MatrixXd ObservationOperator::apply(const Eigen::Ref<const Eigen::MatrixXd>& fields) const {
   Eigen::MatrixXd observed = Eigen::MatrixXd::Zero(rows(), fields.cols());
-  for (Eigen::Index i = 0; i < rows(); ++i) {
+  for (Index i = 0; i < rows(); ++i) {
     for (const Entry& entry : rows_[i]) {
       observed.row(i) += entry.weight * fields.row(entry.dof);
     }

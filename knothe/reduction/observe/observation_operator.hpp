@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/reduction/compress/snapshots.hpp"
 
 namespace knothe::reduction {
@@ -23,7 +24,7 @@ class ObservationOperator {
   /// Rows of the identity.
   explicit ObservationOperator(std::span<const std::size_t> dofs);
 
-  [[nodiscard]] Eigen::Index rows() const { return static_cast<Eigen::Index>(rows_.size()); }
+  [[nodiscard]] Index rows() const { return std::ssize(rows_); }
   [[nodiscard]] std::span<const Entry> row(std::size_t i) const { return rows_[i]; }
   /// O · `fields`, where `fields` is n_dof × any.
   [[nodiscard]] Eigen::MatrixXd apply(const Eigen::Ref<const Eigen::MatrixXd>& fields) const;

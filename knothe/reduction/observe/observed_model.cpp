@@ -5,6 +5,7 @@
 #include <numeric>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/reduction/model/model_matrices.hpp"
 #include "knothe/reduction/model/spline_functions.hpp"
 #include "knothe/reduction/observe/observation_operator.hpp"
@@ -27,9 +28,9 @@ ObservedModel observe_by(const SeparatedModel& model, const ObservationOperator&
 }
 
 ObservedModel observe_by(const Snapshots& snapshots, const ObservationOperator& operation) {
-  const auto grid = static_cast<Eigen::Index>(snapshots.grid_size());
-  const auto times = static_cast<Eigen::Index>(snapshots.time.size());
-  const auto dofs = static_cast<Eigen::Index>(snapshots.dof_count());
+  const Index grid = snapshots.grid_size();
+  const auto times = std::ssize(snapshots.time);
+  const Index dofs = snapshots.dof_count();
   ObservedModel observed;
   observed.time = snapshots.time;
   std::vector<std::vector<double>> nodes;
@@ -39,20 +40,20 @@ ObservedModel observe_by(const Snapshots& snapshots, const ObservationOperator& 
   }
   // Cardinal functions: one at its own node of the grid, zero at the others.
   const RowMatrix identity = RowMatrix::Identity(grid, grid);
-  observed.functions = std::make_shared<JointFunctions>(
-      nodes, std::span(identity.data(), static_cast<std::size_t>(identity.size())), grid);
+  observed.functions =
+      std::make_shared<JointFunctions>(nodes, std::span(identity.data(), identity.size()), grid);
   observed.space = Eigen::MatrixXd::Identity(operation.rows(), operation.rows());
   // Cardinal splines sum to one, so what is subtracted from every node (here the grid's mean) comes back
   // exactly.
   observed.lift = Eigen::MatrixXd::Zero(operation.rows(), times);
-  observed.core.assign(static_cast<std::size_t>(times), Eigen::MatrixXd(operation.rows(), grid));
-  for (Eigen::Index g = 0; g < grid; ++g) {
-    const auto solution = snapshots.solution(static_cast<std::size_t>(g));
+  observed.core.assign(times, Eigen::MatrixXd(operation.rows(), grid));
+  for (Index g = 0; g < grid; ++g) {
+    const auto solution = snapshots.solution(g);
     const Eigen::MatrixXd seen =
         operation.apply(Eigen::Map<const Eigen::MatrixXd>(solution.data(), dofs, times));
-    for (Eigen::Index t = 0; t < times; ++t) observed.core[t].col(g) = seen.col(t);
+    for (Index t = 0; t < times; ++t) observed.core[t].col(g) = seen.col(t);
   }
-  for (Eigen::Index t = 0; t < times; ++t) {
+  for (Index t = 0; t < times; ++t) {
     Eigen::MatrixXd& core = observed.core[t];
     observed.lift.col(t) = core.rowwise().mean();
     core.colwise() -= observed.lift.col(t);
@@ -96,8 +97,8 @@ ObservedModel observe_snapshots(const Snapshots& snapshots) {
 
 ObservedModel at_steps(const ObservedModel& model, std::span<const std::size_t> steps) {
   ObservedModel part{model.functions, model.parameters, {}, model.space, {}, {}};
-  part.lift.resize(model.lift.rows(), static_cast<Eigen::Index>(steps.size()));
-  Eigen::Index column = 0;
+  part.lift.resize(model.lift.rows(), std::ssize(steps));
+  Index column = 0;
   for (const std::size_t step : steps) {
     if (step >= model.time.size()) {
       throw UsageError(

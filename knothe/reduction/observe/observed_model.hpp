@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/reduction/model/parameter_functions.hpp"
 #include "knothe/reduction/model/separated_model.hpp"
 
@@ -20,7 +21,7 @@ struct ObservedModel {
   std::vector<Eigen::MatrixXd> core;                    ///< n_t matrices C_t, l × r
   Eigen::MatrixXd lift;                                 ///< O u_lift, n_obs × n_t
 
-  [[nodiscard]] Eigen::Index observations() const { return space.rows(); }
+  [[nodiscard]] Index observations() const { return space.rows(); }
   /// y at time step `step` and parameters `p`.
   [[nodiscard]] Eigen::VectorXd predict(const Eigen::Ref<const Eigen::VectorXd>& p, std::size_t step) const;
 };

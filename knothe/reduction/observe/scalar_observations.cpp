@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/reduction/compress/low_rank.hpp"
 #include "knothe/reduction/model/model_matrices.hpp"
@@ -30,8 +31,8 @@ SeparatedOutput separate(const SeparatedModel& model, const std::string& name) {
                                  did_you_mean(name, names),
                                  names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
   }
-  const auto times = static_cast<Eigen::Index>(contents.time.size());
-  const auto grid = static_cast<Eigen::Index>(found->values.size()) / times;
+  const auto times = std::ssize(contents.time);
+  const auto grid = std::ssize(found->values) / times;
   Eigen::MatrixXd values = Eigen::Map<const Eigen::MatrixXd>(found->values.data(), times, grid);
   SeparatedOutput result;
   result.lift = values.rowwise().mean();
@@ -43,7 +44,7 @@ SeparatedOutput separate(const SeparatedModel& model, const std::string& name) {
     return result;
   }
   const DominantSpace space = dominant_space(values, 1e-14 * energy, 1, 1);
-  const Eigen::Index rank = space.rank_for(1e-14 * energy);
+  const Index rank = space.rank_for(1e-14 * energy);
   result.basis = space.basis.leftCols(rank);
   result.functions = result.basis.transpose() * values;
   return result;
@@ -53,19 +54,19 @@ SeparatedOutput separate(const SeparatedModel& model, const std::string& name) {
 
 ObservedModel with_scalars(const ObservedModel& observed, const SeparatedModel& model,
                            std::span<const ScalarObservation> sensors) {
-  const Eigen::Index n = observed.space.rows(), l = observed.space.cols(), r = observed.functions->count();
-  const auto m = static_cast<Eigen::Index>(sensors.size());
-  const auto times = static_cast<Eigen::Index>(observed.time.size());
-  std::vector<std::pair<Eigen::Index, SeparatedOutput>> outputs;
-  Eigen::Index added = 0;
+  const Index n = observed.space.rows(), l = observed.space.cols(), r = observed.functions->count();
+  const auto m = std::ssize(sensors);
+  const auto times = std::ssize(observed.time);
+  std::vector<std::pair<Index, SeparatedOutput>> outputs;
+  Index added = 0;
   ObservedModel result = observed;
   result.space.conservativeResize(n + m, l);
   result.space.bottomRows(m).setZero();
   result.lift.conservativeResize(n + m, times);
-  for (Eigen::Index i = 0; i < m; ++i) {
+  for (Index i = 0; i < m; ++i) {
     const ScalarObservation& sensor = sensors[i];
     if (const auto dof = model.quantity(sensor.output)) {
-      const auto row = static_cast<Eigen::Index>(*dof);
+      const Index row = *dof;
       result.space.row(n + i) = space_of(model.contents()).row(row);
       result.lift.row(n + i) = lift_of(model.contents()).row(row);
       continue;
@@ -78,13 +79,13 @@ ObservedModel with_scalars(const ObservedModel& observed, const SeparatedModel& 
     }
     const ObservedModel seen = observe(model, {sensor.points, sensor.components});
     const Eigen::Map<const Eigen::RowVectorXd> weights(sensor.coefficients.data(),
-                                                       static_cast<Eigen::Index>(sensor.coefficients.size()));
+                                                       std::ssize(sensor.coefficients));
     result.space.row(n + i) = weights * seen.space;
     result.lift.row(n + i) = weights * seen.lift;
   }
   if (outputs.empty()) return result;
   // Each output is a space mode of its own: [U 0; 0 I], [C 0; 0 B_t], [w; φ].
-  const auto count = static_cast<Eigen::Index>(outputs.size());
+  const auto count = std::ssize(outputs);
   result.space.conservativeResize(n + m, l + count);
   result.space.rightCols(count).setZero();
   for (auto& core : result.core) {
@@ -94,24 +95,24 @@ ObservedModel with_scalars(const ObservedModel& observed, const SeparatedModel& 
   }
   RowMatrix values = functions_on_grid(model.contents());
   values.conservativeResize(r + added, values.cols());
-  Eigen::Index at = r;
-  for (Eigen::Index k = 0; k < count; ++k) {
+  Index at = r;
+  for (Index k = 0; k < count; ++k) {
     const auto& [row, output] = outputs[k];
-    const Eigen::Index rank = output.basis.cols();
+    const Index rank = output.basis.cols();
     // As large as the model's own functions: newtons beside metres would bury these where a covariance of
     // functions is truncated.
     const double own = values.topRows(r).norm(), size = output.functions.norm();
     const double scale = own > 0 && size > 0 ? own / size : 1;
     result.space(n + row, l + k) = 1;
-    for (Eigen::Index t = 0; t < times; ++t)
+    for (Index t = 0; t < times; ++t)
       result.core[t].row(l + k).segment(at, rank) = output.basis.row(t) / scale;
     values.middleRows(at, rank) = scale * output.functions;
     at += rank;
   }
   std::vector<std::vector<double>> nodes;
   for (const Axis& axis : model.contents().axes) nodes.push_back(axis.nodes);
-  result.functions = std::make_shared<JointFunctions>(
-      nodes, std::span(values.data(), static_cast<std::size_t>(values.size())), r + added);
+  result.functions =
+      std::make_shared<JointFunctions>(nodes, std::span(values.data(), values.size()), r + added);
   return result;
 }
 

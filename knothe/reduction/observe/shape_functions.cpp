@@ -5,6 +5,8 @@
 #include <array>
 #include <cctype>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::reduction {
 
 namespace {
@@ -26,7 +28,7 @@ std::optional<ReferenceElement> ReferenceElement::named(const std::string& vtk_n
   return std::nullopt;
 }
 
-Eigen::Index ReferenceElement::nodes() const {
+Index ReferenceElement::nodes() const {
   switch (kind_) {
     case Kind::triangle:
       return 3;
@@ -40,40 +42,40 @@ Eigen::Index ReferenceElement::nodes() const {
   return 8;
 }
 
-Eigen::Index ReferenceElement::dimension() const {
+Index ReferenceElement::dimension() const {
   return kind_ == Kind::triangle || kind_ == Kind::quad ? 2 : 3;
 }
 
 Eigen::VectorXd ReferenceElement::shape(const Eigen::Vector3d& xi) const {
-  const Eigen::Index d = dimension();
+  const Index d = dimension();
   Eigen::VectorXd values(nodes());
   if (simplex()) {
     values[0] = 1.0;
-    for (Eigen::Index i = 0; i < d; ++i) {
+    for (Index i = 0; i < d; ++i) {
       values[i + 1] = xi[i];
       values[0] -= xi[i];
     }
     return values;
   }
-  for (Eigen::Index k = 0; k < nodes(); ++k) {
+  for (Index k = 0; k < nodes(); ++k) {
     values[k] = 1.0;
-    for (Eigen::Index i = 0; i < d; ++i) values[k] *= 0.5 * (1.0 + k_corners[k][i] * xi[i]);
+    for (Index i = 0; i < d; ++i) values[k] *= 0.5 * (1.0 + k_corners[k][i] * xi[i]);
   }
   return values;
 }
 
 Eigen::MatrixXd ReferenceElement::shape_derivatives(const Eigen::Vector3d& xi) const {
-  const Eigen::Index d = dimension();
+  const Index d = dimension();
   Eigen::MatrixXd derivatives(nodes(), d);
   if (simplex()) {
     derivatives.row(0).setConstant(-1.0);
     derivatives.bottomRows(d).setIdentity();
     return derivatives;
   }
-  for (Eigen::Index k = 0; k < nodes(); ++k) {
-    for (Eigen::Index j = 0; j < d; ++j) {
+  for (Index k = 0; k < nodes(); ++k) {
+    for (Index j = 0; j < d; ++j) {
       double value = 0.5 * k_corners[k][j];
-      for (Eigen::Index i = 0; i < d; ++i) {
+      for (Index i = 0; i < d; ++i) {
         if (i != j) value *= 0.5 * (1.0 + k_corners[k][i] * xi[i]);
       }
       derivatives(k, j) = value;
@@ -83,9 +85,9 @@ Eigen::MatrixXd ReferenceElement::shape_derivatives(const Eigen::Vector3d& xi) c
 }
 
 Eigen::Vector3d ReferenceElement::centre() const {
-  const Eigen::Index d = dimension();
+  const Index d = dimension();
   Eigen::Vector3d xi = Eigen::Vector3d::Zero();
-  for (Eigen::Index i = 0; simplex() && i < d; ++i) xi[i] = 1.0 / static_cast<double>(d + 1);
+  for (Index i = 0; simplex() && i < d; ++i) xi[i] = 1.0 / (d + 1);
   return xi;
 }
 
@@ -94,7 +96,7 @@ Eigen::Vector3d ReferenceElement::clamp(const Eigen::Vector3d& xi) const {
   // Barycentric coordinates: the negative ones become zero, the others are scaled to sum 1.
   const Eigen::VectorXd barycentric = shape(xi).cwiseMax(0.0);
   Eigen::Vector3d inside = Eigen::Vector3d::Zero();
-  for (Eigen::Index i = 0; i < dimension(); ++i) inside[i] = barycentric[i + 1] / barycentric.sum();
+  for (Index i = 0; i < dimension(); ++i) inside[i] = barycentric[i + 1] / barycentric.sum();
   return inside;
 }
 
@@ -109,13 +111,13 @@ std::optional<Eigen::VectorXd> ReferenceElement::weights_at(const ElementNodes& 
   // Gauss–Newton on |x(ξ) − point|²: quadratic, because the residual vanishes where the element holds the
   // point. Iterates are kept near the element, where the map of a valid element is invertible.
   Eigen::Vector3d xi = centre();
-  const Eigen::Index d = dimension();
+  const Index d = dimension();
   for (int iteration = 0; iteration < 50; ++iteration) {
     const Eigen::Vector3d residual = point - x * shape(xi);
     const Eigen::MatrixXd jacobian = x * shape_derivatives(xi);
     const Eigen::VectorXd step = jacobian.colPivHouseholderQr().solve(residual);
     if (!step.allFinite()) return std::nullopt;
-    for (Eigen::Index i = 0; i < d; ++i) xi[i] = std::clamp(xi[i] + step[i], -3.0, 3.0);
+    for (Index i = 0; i < d; ++i) xi[i] = std::clamp(xi[i] + step[i], -3.0, 3.0);
     if (step.norm() < 1e-14) break;
   }
   const Eigen::VectorXd weights = shape(clamp(xi));

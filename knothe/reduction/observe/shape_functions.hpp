@@ -6,6 +6,8 @@
 #include <optional>
 #include <string>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::reduction {
 
 /// Vertex coordinates, one column per node of the element.
@@ -20,8 +22,8 @@ class ReferenceElement {
   /// here.
   [[nodiscard]] static std::optional<ReferenceElement> named(const std::string& vtk_name);
 
-  [[nodiscard]] Eigen::Index nodes() const;
-  [[nodiscard]] Eigen::Index dimension() const;  ///< 2 or 3 reference coordinates
+  [[nodiscard]] Index nodes() const;
+  [[nodiscard]] Index dimension() const;  ///< 2 or 3 reference coordinates
   /// N(ξ), one per node; their sum is 1.
   [[nodiscard]] Eigen::VectorXd shape(const Eigen::Vector3d& xi) const;
   /// ∂N/∂ξ, nodes × dimension.

@@ -9,6 +9,7 @@
 #include <numeric>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
 #include "knothe/sampling/polar_scan.hpp"
 #include "knothe/sampling/tempered_particles.hpp"
@@ -22,7 +23,7 @@ using sampling::Mode;
 
 /// log mean exp and its standard error.
 void evidence_of(const Eigen::VectorXd& log_weight, double& log_evidence, double& error) {
-  const double top = log_weight.maxCoeff(), n = static_cast<double>(log_weight.size());
+  const double top = log_weight.maxCoeff(), n = log_weight.size();
   const Eigen::ArrayXd w = (log_weight.array() - top).exp();
   log_evidence = top + std::log(w.mean());
   const double share = w.sum() * w.sum() / (n * w.square().sum());
@@ -31,7 +32,7 @@ void evidence_of(const Eigen::VectorXd& log_weight, double& log_evidence, double
 
 std::string describe(const Eigen::VectorXd& z) {
   std::string text = "z = (";
-  for (Eigen::Index k = 0; k < z.size(); ++k) text += fmt::format("{}{:.4g}", k > 0 ? ", " : "", z[k]);
+  for (Index k = 0; k < z.size(); ++k) text += fmt::format("{}{:.4g}", k > 0 ? ", " : "", z[k]);
   return text + ")";
 }
 
@@ -43,13 +44,13 @@ class DiscountedDensity final : public sampling::LogDensity {
  public:
   DiscountedDensity(sampling::CheckedDensity& target, const MapResult& result, double log_evidence)
       : target_(target), result_(result), log_evidence_(log_evidence) {}
-  [[nodiscard]] Eigen::Index dimension() const override { return target_.dimension(); }
+  [[nodiscard]] Index dimension() const override { return target_.dimension(); }
   [[nodiscard]] int available_derivatives() const override { return 0; }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int,
                 sampling::LogDensityBatch& out) override {
     target_.evaluate(points, 0, batch_);
     const Eigen::VectorXd known = known_density(points);
-    for (Eigen::Index i = 0; i < points.rows(); ++i)
+    for (Index i = 0; i < points.rows(); ++i)
       out.value[i] = batch_.value[i] - discount(batch_.value[i] - log_evidence_ - known[i]);
   }
   /// What was taken off at points whose discounted values are `discounted`.
@@ -57,7 +58,7 @@ class DiscountedDensity final : public sampling::LogDensity {
                                             const Eigen::VectorXd& discounted) const {
     const Eigen::VectorXd known = known_density(points);
     Eigen::VectorXd out(points.rows());
-    for (Eigen::Index i = 0; i < out.size(); ++i) {
+    for (Index i = 0; i < out.size(); ++i) {
       const double left = discounted[i] - log_evidence_ - known[i];  // a − discount(a), increasing in a
       const double above = left <= 1 - k_discount ? left + k_discount
                            : left >= 3            ? left
@@ -77,8 +78,8 @@ class DiscountedDensity final : public sampling::LogDensity {
   [[nodiscard]] Eigen::VectorXd known_density(const Eigen::Ref<const Eigen::MatrixXd>& points) const {
     constexpr double k_reach = 12;
     const Eigen::VectorXd distance = result_.pre_map.inverse(points).rowwise().norm();
-    std::vector<Eigen::Index> near;
-    for (Eigen::Index i = 0; i < points.rows(); ++i)
+    std::vector<Index> near;
+    for (Index i = 0; i < points.rows(); ++i)
       if (distance[i] < k_reach) near.push_back(i);
     Eigen::VectorXd out = Eigen::VectorXd::Constant(points.rows(), -std::numeric_limits<double>::infinity());
     if (!near.empty()) out(near) = result_.log_density(points(near, Eigen::all));
@@ -114,7 +115,7 @@ class Search {
   [[nodiscard]] sampling::Mixture near_the_origin(double spread) const;
   [[nodiscard]] Eigen::MatrixXd starts_among(const Eigen::MatrixXd& points,
                                              const Eigen::VectorXd& values) const;
-  [[nodiscard]] std::vector<Eigen::Index> sample_of(const sampling::TemperedParticles& particles) const;
+  [[nodiscard]] std::vector<Index> sample_of(const sampling::TemperedParticles& particles) const;
 
   sampling::CheckedDensity& target_;
   const MapResult& result_;
@@ -147,7 +148,7 @@ bool Search::a_mode_is_missed() {
 /// For parameters that come standardised: N(0, s² I); and the same around a mode that lies outside, else
 /// particles would have to come all the way to it.
 sampling::Mixture Search::near_the_origin(double spread) const {
-  const Eigen::Index d = target_.dimension();
+  const Index d = target_.dimension();
   const Eigen::MatrixXd lower = spread * Eigen::MatrixXd::Identity(d, d);
   std::vector<sampling::MixtureComponent> parts = {{1.0, Eigen::VectorXd::Zero(d), lower}};
   const Eigen::VectorXd& mode = modes_.front().point;
@@ -157,7 +158,7 @@ sampling::Mixture Search::near_the_origin(double spread) const {
 
 /// Far wider than all that is known of the target, so that what is not known is inside.
 sampling::Mixture Search::reference(double wider) const {
-  const Eigen::Index d = target_.dimension();
+  const Index d = target_.dimension();
   if (options_.reference_spread > 0) return near_the_origin(options_.reference_spread);
   const Mode& main = modes_.front();
   // Half of the spread without correlation: another mode need not lie along the ridge of this one.
@@ -177,17 +178,17 @@ sampling::Mixture Search::reference(double wider) const {
 
 /// The inverse of the map costs more than a cheap density: 256 particles stand for all, and beside them the
 /// 64 farthest from the main mode.
-std::vector<Eigen::Index> Search::sample_of(const sampling::TemperedParticles& particles) const {
-  const Eigen::Index n = particles.points().rows(), even = std::min<Eigen::Index>(n, 256);
-  std::vector<Eigen::Index> chosen;
-  for (Eigen::Index i = 0; i < even; ++i) chosen.push_back(i * n / even);
+std::vector<Index> Search::sample_of(const sampling::TemperedParticles& particles) const {
+  const Index n = particles.points().rows(), even = std::min<Index>(n, 256);
+  std::vector<Index> chosen;
+  for (Index i = 0; i < even; ++i) chosen.push_back(i * n / even);
   const Eigen::MatrixXd apart = modes_.front().lower.triangularView<Eigen::Lower>().solve(
       (particles.points().rowwise() - modes_.front().point.transpose()).transpose());
   const Eigen::VectorXd distance = apart.colwise().squaredNorm();
-  std::vector<Eigen::Index> order(static_cast<std::size_t>(n));
-  std::iota(order.begin(), order.end(), Eigen::Index{0});
-  const auto far = order.begin() + std::min<Eigen::Index>(n, 64);
-  std::partial_sort(order.begin(), far, order.end(), [&](Eigen::Index a, Eigen::Index b) {
+  std::vector<Index> order(n);
+  std::iota(order.begin(), order.end(), Index{0});
+  const auto far = order.begin() + std::min<Index>(n, 64);
+  std::partial_sort(order.begin(), far, order.end(), [&](Index a, Index b) {
     return distance[a] != distance[b] ? distance[a] > distance[b] : a < b;
   });
   chosen.insert(chosen.end(), order.begin(), far);
@@ -197,14 +198,14 @@ std::vector<Eigen::Index> Search::sample_of(const sampling::TemperedParticles& p
 /// Up to 12 of the points, far from each other: first the one of the highest density, then always the one
 /// farthest from those chosen.
 Eigen::MatrixXd Search::starts_among(const Eigen::MatrixXd& points, const Eigen::VectorXd& values) const {
-  constexpr Eigen::Index k_max_starts = 12;
-  Eigen::Index best = 0;
+  constexpr Index k_max_starts = 12;
+  Index best = 0;
   values.maxCoeff(&best);
   const Eigen::MatrixXd scaled =
       modes_.front().lower.triangularView<Eigen::Lower>().solve(points.transpose()).transpose();
   Eigen::VectorXd nearest = Eigen::VectorXd::Constant(points.rows(), std::numeric_limits<double>::max());
-  std::vector<Eigen::Index> chosen;
-  while (static_cast<Eigen::Index>(chosen.size()) < std::min(k_max_starts, points.rows())) {
+  std::vector<Index> chosen;
+  while (std::ssize(chosen) < std::min(k_max_starts, points.rows())) {
     chosen.push_back(best);
     nearest = nearest.cwiseMin((scaled.rowwise() - scaled.row(best)).rowwise().squaredNorm());
     nearest.maxCoeff(&best);
@@ -241,19 +242,19 @@ std::vector<sampling::PolarScan> Search::scans() const {
 bool Search::scans_suffice() {
   // Shares and evidences as those of particles, below.
   constexpr double k_far_above = 2, k_evidence_apart = 0.3, k_missed_share = 0.05;
-  constexpr Eigen::Index k_sample = 256;
+  constexpr Index k_sample = 256;
   const std::vector<sampling::PolarScan> around = scans();
   const auto is_uncovered = [&](const Eigen::MatrixXd& points, const Eigen::VectorXd& values) {
     const Eigen::ArrayXd above = values - result_.log_density(points);
     return (above > out_.map_log_evidence + k_far_above).eval();
   };
   for (const auto& scan : around) {
-    std::vector<Eigen::Index> maxima = scan.local_maxima();
+    std::vector<Index> maxima = scan.local_maxima();
     if (maxima.empty()) continue;
     const auto uncovered = is_uncovered(scan.points()(maxima, Eigen::all), scan.values()(maxima));
     std::size_t kept = 0;
-    for (std::size_t i = 0; i < maxima.size(); ++i)
-      if (uncovered[static_cast<Eigen::Index>(i)]) maxima[kept++] = maxima[i];
+    for (Index i = 0; i < std::ssize(maxima); ++i)
+      if (uncovered[i]) maxima[kept++] = maxima[i];
     maxima.resize(kept);
     if (maxima.empty()) continue;
     ascents_.ascend_from(target_, starts_among(scan.points()(maxima, Eigen::all), scan.values()(maxima)),
@@ -265,22 +266,22 @@ bool Search::scans_suffice() {
   if (std::abs(around.front().log_evidence() - out_.map_log_evidence) > tolerance) return false;
   for (const auto& scan : around) {
     if (scan.log_evidence() > out_.map_log_evidence + tolerance) return false;
-    const std::vector<Eigen::Index> sample = scan.sample(k_sample);
+    const std::vector<Index> sample = scan.sample(k_sample);
     const auto uncovered = is_uncovered(scan.points()(sample, Eigen::all), scan.values()(sample)).count();
-    if (static_cast<double>(uncovered) > k_missed_share * static_cast<double>(k_sample)) return false;
+    if (uncovered > k_missed_share * k_sample) return false;
   }
   out_.scanned = true;
   return true;
 }
 
 bool Search::particles_elsewhere(int effort, double widest) {
-  const Eigen::Index d = target_.dimension();
+  const Index d = target_.dimension();
   sampling::TemperingOptions tempering;
-  tempering.particles = options_.particles > 0
-                            ? options_.particles
-                            : std::clamp<Eigen::Index>(Eigen::Index{options_.reference_spread > 0 ? 64 : 128}
-                                                           << std::min<Eigen::Index>(d, 5),
-                                                       256, 4096);
+  tempering.particles =
+      options_.particles > 0
+          ? options_.particles
+          : std::clamp<Index>(Index{options_.reference_spread > 0 ? 64 : 128} << std::min<Index>(d, 5), 256,
+                              4096);
   tempering.particles *= effort;
   tempering.max_moves = options_.max_moves * (effort > 1 ? 2 : 1);
   tempering.max_evaluations = options_.max_evaluations;
@@ -309,31 +310,29 @@ bool Search::check_particles(const sampling::TemperedParticles& particles,
                              const DiscountedDensity& discounted) {
   out_.tempered_done = true;
   // log π̄ of the particles, and what each of them stands for: e^discount.
-  const Eigen::Index n = particles.points().rows();
+  const Index n = particles.points().rows();
   const Eigen::VectorXd discount = discounted.discount_of(particles.points(), particles.log_target());
   const Eigen::VectorXd log_target = particles.log_target() + discount;
   const Eigen::ArrayXd stands_for = discount.array().exp();
   const double mean = stands_for.mean();
   out_.tempered_log_evidence = particles.log_evidence() + std::log(mean);
   out_.tempered_log_evidence_error =
-      std::hypot(particles.log_evidence_error(),
-                 std::sqrt((stands_for - mean).square().mean() / static_cast<double>(n)) / mean);
+      std::hypot(particles.log_evidence_error(), std::sqrt((stands_for - mean).square().mean() / n) / mean);
 
   // Particles where the target's normalised density is far above the map's.
   constexpr double k_far_above = 2;  // e²
-  const std::vector<Eigen::Index> sample = sample_of(particles);
-  Eigen::MatrixXd points(static_cast<Eigen::Index>(sample.size()), target_.dimension());
-  for (std::size_t i = 0; i < sample.size(); ++i)
-    points.row(static_cast<Eigen::Index>(i)) = particles.points().row(sample[i]);
+  const std::vector<Index> sample = sample_of(particles);
+  Eigen::MatrixXd points(std::ssize(sample), target_.dimension());
+  for (Index i = 0; i < std::ssize(sample); ++i) points.row(i) = particles.points().row(sample[i]);
   const Eigen::VectorXd approximation = result_.log_density(points);
-  const std::size_t even = std::min<std::size_t>(256, static_cast<std::size_t>(particles.points().rows()));
-  std::vector<Eigen::Index> uncovered;
+  const Index even = std::min<Index>(256, particles.points().rows());
+  std::vector<Index> uncovered;
   double share = 0;
-  for (std::size_t i = 0; i < sample.size(); ++i) {
+  for (Index i = 0; i < std::ssize(sample); ++i) {
     const double density = log_target[sample[i]] - out_.map_log_evidence;
-    if (!(density > approximation[static_cast<Eigen::Index>(i)] + k_far_above)) continue;
+    if (!(density > approximation[i] + k_far_above)) continue;
     uncovered.push_back(sample[i]);
-    if (i < even) share += stands_for[sample[i]] / static_cast<double>(even);
+    if (i < even) share += stands_for[sample[i]] / even;
   }
   if (!uncovered.empty()) {
     ascents_.ascend_from(
@@ -347,7 +346,7 @@ bool Search::check_particles(const sampling::TemperedParticles& particles,
   // Of the mass that is known.
   share *= std::exp(particles.log_evidence() - out_.map_log_evidence);
   share /= 1 + share;
-  if (share > 0.05 + 3 * std::sqrt(share / static_cast<double>(even))) {
+  if (share > 0.05 + 3 * std::sqrt(share / even)) {
     out_.found = true;
     out_.share = share;
     out_.mode = particles.points().row(uncovered.front()).transpose();

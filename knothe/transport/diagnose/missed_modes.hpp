@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/sampling/mode_search.hpp"
 
 namespace knothe::transport {
@@ -21,9 +22,9 @@ enum class ModeSearchLevel {
 
 struct MissedModesOptions {
   ModeSearchLevel level = ModeSearchLevel::tempered;
-  double mode_mass = 1e-3;     ///< a mode with this share of the mass counts
-  Eigen::Index particles = 0;  ///< 0: 128 (with reference_spread 64) · 2^d, 256 to 4096
-  int max_moves = 5;           ///< Metropolis moves per temperature; a MapSolver asks for 3
+  double mode_mass = 1e-3;  ///< a mode with this share of the mass counts
+  Index particles = 0;      ///< 0: 128 (with reference_spread 64) · 2^d, 256 to 4096
+  int max_moves = 5;        ///< Metropolis moves per temperature; a MapSolver asks for 3
   std::int64_t max_evaluations = 1000000;
   /// Particles begin in N(0, spread² I): for parameters that come standardised, around 2. 0: nothing is
   /// known; they begin 120 times as wide as the modes found.

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/statistics/random.hpp"
 
 namespace knothe::transport {
@@ -10,12 +11,12 @@ namespace knothe::transport {
 namespace {
 
 /// The first m components of a part, which depend on nothing else.
-ComposedMap::Part leading_block(const ComposedMap::Part& part, Eigen::Index m) {
+ComposedMap::Part leading_block(const ComposedMap::Part& part, Index m) {
   if (const auto* affine = std::get_if<AffineMap>(&part))
     return AffineMap{affine->shift.head(m), affine->lower.topLeftCorner(m, m)};
   const auto& map = std::get<TriangularMap>(part);
   MapSpecification specification = map.specification();
-  specification.components.resize(static_cast<std::size_t>(m));
+  specification.components.resize(m);
   TriangularMap block(std::move(specification));
   block.set_coefficients(map.coefficients().head(block.coefficients().size()));
   return block;
@@ -31,7 +32,7 @@ Eigen::VectorXd MapDistribution::log_density(const Eigen::Ref<const Eigen::Matri
   return map_.log_density(z);
 }
 
-MapDistribution MapDistribution::leading(Eigen::Index m) const {
+MapDistribution MapDistribution::leading(Index m) const {
   if (m < 1 || m > dimension())
     throw UsageError(fmt::format("the first {} coordinates of a map with {}", m, dimension()));
   for (const ComposedMap::Part& part : map_.parts())
@@ -47,9 +48,9 @@ MapDistribution MapDistribution::leading(Eigen::Index m) const {
   return MapDistribution(std::move(block));
 }
 
-Eigen::MatrixXd MapDistribution::conditional_reference(const Eigen::VectorXd& given, Eigen::Index n,
+Eigen::MatrixXd MapDistribution::conditional_reference(const Eigen::VectorXd& given, Index n,
                                                        std::uint64_t seed) const {
-  const Eigen::Index m = given.size(), d = dimension();
+  const Index m = given.size(), d = dimension();
   if (m == 0) return numerics::monte_carlo_normal_points(n, d, seed);
   if (!given.allFinite()) throw UsageError("conditional samples: a given value is not finite");
   const Eigen::RowVectorXd leading_reference = leading(m).map().inverse(given.transpose());

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 
+#include "knothe/base/index.hpp"
 #include "knothe/transport/map/composed_map.hpp"
 
 namespace knothe::transport {
@@ -17,17 +18,17 @@ class MapDistribution {
   /// Errors: UsageError for a map without dimension.
   explicit MapDistribution(ComposedMap map);
 
-  [[nodiscard]] Eigen::Index dimension() const { return map_.dimension(); }
+  [[nodiscard]] Index dimension() const { return map_.dimension(); }
   [[nodiscard]] const ComposedMap& map() const { return map_; }
   /// log of the density at the points z (n × d).
   [[nodiscard]] Eigen::VectorXd log_density(const Eigen::Ref<const Eigen::MatrixXd>& z) const;
   /// The marginal distribution of the first m coordinates. Errors (of both): UsageError for m
   /// outside 1 … d, or for a map that is not triangular.
-  [[nodiscard]] MapDistribution leading(Eigen::Index m) const;
+  [[nodiscard]] MapDistribution leading(Index m) const;
 
   /// n points of the reference whose images are independent draws of all d coordinates with the first m equal
   /// to `given`. Exact: the leading block is inverted, the other reference variables are drawn.
-  [[nodiscard]] Eigen::MatrixXd conditional_reference(const Eigen::VectorXd& given, Eigen::Index n,
+  [[nodiscard]] Eigen::MatrixXd conditional_reference(const Eigen::VectorXd& given, Index n,
                                                       std::uint64_t seed) const;
 
  private:

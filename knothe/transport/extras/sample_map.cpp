@@ -10,6 +10,7 @@
 
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/optimise/trust_region.hpp"
 #include "knothe/numerics/statistics/random.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
@@ -24,7 +25,7 @@ constexpr double k_regularisation = 1e-6;  ///< λ: keeps terms that the samples
 constexpr int k_max_iterations = 100;      ///< of Newton's method, per component and fit
 
 void require(const Eigen::Ref<const Eigen::MatrixXd>& samples, const SampleMapOptions& o) {
-  const Eigen::Index n = samples.rows(), d = samples.cols();
+  const Index n = samples.rows(), d = samples.cols();
   if (n < 2 || d < 1) throw UsageError(fmt::format("map from samples: {} samples of {} coordinates", n, d));
   if (o.max_order < 1 || o.max_order > k_max_order)
     throw UsageError(fmt::format("map from samples: orders 1 to {} asked for; they must lie in 1 … {}",
@@ -32,8 +33,8 @@ void require(const Eigen::Ref<const Eigen::MatrixXd>& samples, const SampleMapOp
   if (o.folds < 0 || o.folds == 1 || o.folds > n)
     throw UsageError(fmt::format(
         "map from samples: {} folds; 0 (none) or 2 to the number of samples are possible", o.folds));
-  for (Eigen::Index k = 0; k < d; ++k)
-    for (Eigen::Index i = 0; i < n; ++i)
+  for (Index k = 0; k < d; ++k)
+    for (Index i = 0; i < n; ++i)
       if (!std::isfinite(samples(i, k)))
         throw DataError(fmt::format("map from samples: sample {}, coordinate {} is {}; remove or correct it",
                                     i, k, samples(i, k)));
@@ -42,9 +43,9 @@ void require(const Eigen::Ref<const Eigen::MatrixXd>& samples, const SampleMapOp
 /// x ↦ L⁻¹ (x − mean).
 AffineMap standardise(const Eigen::Ref<const Eigen::MatrixXd>& samples, const Eigen::VectorXd& weights) {
   const numerics::Moments moments = numerics::moments_of(samples, weights);
-  const Eigen::Index d = samples.cols();
+  const Index d = samples.cols();
   const Eigen::VectorXd std = moments.covariance.diagonal().cwiseSqrt();
-  for (Eigen::Index k = 0; k < d; ++k)
+  for (Index k = 0; k < d; ++k)
     if (!(std[k] > 1e-14 * std::abs(moments.mean[k])))
       throw DataError(
           fmt::format("map from samples: coordinate {} has no spread, it is {} in all samples; leave it out",
@@ -66,7 +67,7 @@ AffineMap standardise(const Eigen::Ref<const Eigen::MatrixXd>& samples, const Ei
 /// Fits of one component, of increasing order.
 class ComponentFit {
  public:
-  ComponentFit(Eigen::Index k, const Eigen::MatrixXd& y, const Eigen::VectorXd& weights,
+  ComponentFit(Index k, const Eigen::MatrixXd& y, const Eigen::VectorXd& weights,
                const SampleMapOptions& options, const std::vector<int>& fold)
       : k_(k), y_(y), weights_(weights), options_(options), fold_(fold) {}
 
@@ -75,11 +76,10 @@ class ComponentFit {
     int worse = 0;
     for (int order = options_.folds > 0 ? 1 : options_.max_order; order <= options_.max_order && worse < 2;
          ++order) {
-      const TriangularMap& family = families[static_cast<std::size_t>(order)];
-      const Eigen::Index count =
-          family.component(k_).constant_count() + family.component(k_).monotone_count();
-      const auto samples = static_cast<double>(y_.rows());
-      if (static_cast<double>(count) > (options_.folds > 1 ? 1 - 1.0 / options_.folds : 1.0) * samples) {
+      const TriangularMap& family = families[order];
+      const Index count = family.component(k_).constant_count() + family.component(k_).monotone_count();
+      const double samples = y_.rows();
+      if (count > (options_.folds > 1 ? 1 - 1.0 / options_.folds : 1.0) * samples) {
         if (std::isinf(best))
           throw DataError(
               fmt::format("map from samples: component {} of order {} has {} coefficients, but there are "
@@ -98,7 +98,7 @@ class ComponentFit {
       best = loss;
       chosen = order;
     }
-    SampleObjective objective(families[static_cast<std::size_t>(chosen)], k_, y_, k_regularisation);
+    SampleObjective objective(families[chosen], k_, y_, k_regularisation);
     finish(objective, chosen);
   }
 
@@ -122,13 +122,13 @@ class ComponentFit {
     for (int f = 0; f < options_.folds; ++f) {
       check_cancellation("the map of samples is not finished");
       Eigen::VectorXd training = weights_;
-      for (Eigen::Index i = 0; i < training.size(); ++i)
-        if (fold_[static_cast<std::size_t>(i)] == f) training[i] = 0;
+      for (Index i = 0; i < training.size(); ++i)
+        if (fold_[i] == f) training[i] = 0;
       objective.set_weights(training / training.sum());
       (void)fit(objective, a);
       const Eigen::VectorXd losses = objective.losses(a);
-      for (Eigen::Index i = 0; i < losses.size(); ++i)
-        if (fold_[static_cast<std::size_t>(i)] == f) result[i] = losses[i];
+      for (Index i = 0; i < losses.size(); ++i)
+        if (fold_[i] == f) result[i] = losses[i];
     }
     return result;
   }
@@ -139,23 +139,21 @@ class ComponentFit {
     chosen = order;
   }
 
-  Eigen::Index k_;
+  Index k_;
   const Eigen::MatrixXd& y_;
   const Eigen::VectorXd& weights_;
   const SampleMapOptions& options_;
   const std::vector<int>& fold_;
 };
 
-std::vector<int> shuffled_folds(Eigen::Index n, int folds, std::uint64_t seed) {
-  std::vector<int> fold(static_cast<std::size_t>(n), 0);
+std::vector<int> shuffled_folds(Index n, int folds, std::uint64_t seed) {
+  std::vector<int> fold(n, 0);
   if (folds == 0) return fold;
   const Eigen::VectorXd key = numerics::monte_carlo_points(n, 1, seed);
-  std::vector<Eigen::Index> order(fold.size());
-  std::iota(order.begin(), order.end(), Eigen::Index{0});
-  std::stable_sort(order.begin(), order.end(),
-                   [&](Eigen::Index a, Eigen::Index b) { return key[a] < key[b]; });
-  for (std::size_t r = 0; r < order.size(); ++r)
-    fold[static_cast<std::size_t>(order[r])] = static_cast<int>(r % static_cast<std::size_t>(folds));
+  std::vector<Index> order(fold.size());
+  std::iota(order.begin(), order.end(), Index{0});
+  std::stable_sort(order.begin(), order.end(), [&](Index a, Index b) { return key[a] < key[b]; });
+  for (Index r = 0; r < std::ssize(order); ++r) fold[order[r]] = r % static_cast<std::size_t>(folds);
   return fold;
 }
 
@@ -164,12 +162,11 @@ std::vector<int> shuffled_folds(Eigen::Index n, int folds, std::uint64_t seed) {
 SampleMap map_from_samples(const Eigen::Ref<const Eigen::MatrixXd>& samples,
                            const SampleMapOptions& options) {
   require(samples, options);
-  const Eigen::Index n = samples.rows(), d = samples.cols();
-  const Eigen::VectorXd w = Eigen::VectorXd::Constant(n, 1.0 / static_cast<double>(n));
-  std::vector<TriangularMap> families(static_cast<std::size_t>(options.max_order) + 1);
+  const Index n = samples.rows(), d = samples.cols();
+  const Eigen::VectorXd w = Eigen::VectorXd::Constant(n, 1.0 / n);
+  std::vector<TriangularMap> families(options.max_order + 1);
   for (int order = 1; order <= options.max_order; ++order)
-    families[static_cast<std::size_t>(order)] =
-        TriangularMap(total_order_map(d, order, {Rectifier::softplus, {}}));
+    families[order] = TriangularMap(total_order_map(d, order, {Rectifier::softplus, {}}));
   const AffineMap affine = standardise(samples, w);
   MapBatch standardised;
   affine.evaluate(samples, 0, standardised);
@@ -180,12 +177,10 @@ SampleMap map_from_samples(const Eigen::Ref<const Eigen::MatrixXd>& samples,
   MapSpecification specification;
   specification.parametrisation = families.back().parametrisation();
   Eigen::VectorXd coefficients(0);
-  for (Eigen::Index k = 0; k < d; ++k) {
+  for (Index k = 0; k < d; ++k) {
     ComponentFit fit(k, standardised.value, w, options, fold);
     fit.run(families);
-    specification.components.push_back(families[static_cast<std::size_t>(fit.chosen)]
-                                           .specification()
-                                           .components[static_cast<std::size_t>(k)]);
+    specification.components.push_back(families[fit.chosen].specification().components[k]);
     coefficients.conservativeResize(coefficients.size() + fit.coefficients.size());
     coefficients.tail(fit.coefficients.size()) = fit.coefficients;
     result.orders.push_back(fit.chosen);
@@ -210,9 +205,9 @@ Eigen::VectorXd SampleMap::log_density(const Eigen::Ref<const Eigen::MatrixXd>& 
   return standard_normal_log_density(batch.value) + batch.log_determinant;
 }
 
-Eigen::MatrixXd SampleMap::conditional_reference(const Eigen::VectorXd& given, Eigen::Index n,
+Eigen::MatrixXd SampleMap::conditional_reference(const Eigen::VectorXd& given, Index n,
                                                  std::uint64_t seed) const {
-  const Eigen::Index m = given.size(), d = dimension();
+  const Index m = given.size(), d = dimension();
   if (m == 0) return numerics::monte_carlo_normal_points(n, d, seed);
   if (m > d || !given.allFinite())
     throw UsageError(

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/transport/map/composed_map.hpp"
 
 namespace knothe::transport {
@@ -32,12 +33,12 @@ class SampleMap {
   bool converged = false;   ///< every final fit
   std::string reason;       ///< if not: which component and why
 
-  [[nodiscard]] Eigen::Index dimension() const { return map.dimension(); }
+  [[nodiscard]] Index dimension() const { return map.dimension(); }
   /// At the points z (n × d).
   [[nodiscard]] Eigen::VectorXd log_density(const Eigen::Ref<const Eigen::MatrixXd>& z) const;
   /// n points of the reference whose preimages are draws of all coordinates with the first m equal to
   /// `given`. From samples of (data, parameters) and the data that were measured: samples of the posterior.
-  [[nodiscard]] Eigen::MatrixXd conditional_reference(const Eigen::VectorXd& given, Eigen::Index n,
+  [[nodiscard]] Eigen::MatrixXd conditional_reference(const Eigen::VectorXd& given, Index n,
                                                       std::uint64_t seed) const;
 };
 

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "knothe/base/index.hpp"
 #include "knothe/transport/map/one_variable_basis.hpp"
 #include "knothe/transport/map/rectifier.hpp"
 
@@ -21,12 +22,12 @@ Eigen::MatrixXd tabulate(const OneVariableBasis& basis, bool monotone,
                          const Eigen::Ref<const Eigen::VectorXd>& x, int degree) {
   Eigen::MatrixXd table(x.size(), degree + 1);
   Values value{}, first{}, second{};
-  for (Eigen::Index i = 0; i < x.size(); ++i) {
+  for (Index i = 0; i < x.size(); ++i) {
     if (monotone)
       basis.monotone(x[i], degree, value, first, second);
     else
       basis.constant(x[i], degree, value, first, second);
-    for (int j = 0; j <= degree; ++j) table(i, j) = value[static_cast<std::size_t>(j)];
+    for (int j = 0; j <= degree; ++j) table(i, j) = value[j];
   }
   return table;
 }
@@ -38,11 +39,10 @@ int highest_degree(const std::vector<MultiIndex>& set, int variable) {
 }
 
 /// Π over the variables below k of the tabulated functions.
-Eigen::VectorXd product(const MultiIndex& index, int k, const std::vector<Eigen::MatrixXd>& tables,
-                        Eigen::Index n) {
+Eigen::VectorXd product(const MultiIndex& index, int k, const std::vector<Eigen::MatrixXd>& tables, Index n) {
   Eigen::VectorXd result = Eigen::VectorXd::Ones(n);
   for (const auto& f : index.factors)
-    if (f.variable < k) result.array() *= tables[static_cast<std::size_t>(f.variable)].col(f.degree).array();
+    if (f.variable < k) result.array() *= tables[f.variable].col(f.degree).array();
   return result;
 }
 
@@ -54,13 +54,13 @@ double inverse_rectifier(double slope) {
 
 }  // namespace
 
-SampleObjective::SampleObjective(const TriangularMap& map, Eigen::Index k,
+SampleObjective::SampleObjective(const TriangularMap& map, Index k,
                                  const Eigen::Ref<const Eigen::MatrixXd>& y, double regularisation)
     : regularisation_(regularisation), own_(y.col(k)) {
   const OneVariableBasis basis(map.parametrisation());
   const MapComponent& c = map.component(k);
-  const Eigen::Index n = y.rows();
-  const int kk = static_cast<int>(k);
+  const Index n = y.rows();
+  const int kk = k;
   std::vector<Eigen::MatrixXd> constant_tables, monotone_tables;
   for (int v = 0; v < kk; ++v) {
     constant_tables.push_back(tabulate(basis, false, y.col(v), highest_degree(c.constant, v)));
@@ -69,8 +69,8 @@ SampleObjective::SampleObjective(const TriangularMap& map, Eigen::Index k,
   constant_.resize(n, c.constant_count());
   monotone_count_ = c.monotone_count();
   penalised_.setZero(dimension());
-  for (Eigen::Index m = 0; m < constant_.cols(); ++m) {
-    const MultiIndex& index = c.constant[static_cast<std::size_t>(m)];
+  for (Index m = 0; m < constant_.cols(); ++m) {
+    const MultiIndex& index = c.constant[m];
     constant_.col(m) = product(index, kk, constant_tables, n);
     if (index.total == 0) constant_column_ = m;
     if (index.total == 1) linear_.push_back(m);
@@ -78,64 +78,61 @@ SampleObjective::SampleObjective(const TriangularMap& map, Eigen::Index k,
   }
   const int degree = highest_degree(c.monotone, kk);
   degrees_ = degree + 1;
-  of_degree_.resize(static_cast<std::size_t>(degrees_));
-  for (Eigen::Index m = 0; m < monotone_count_; ++m) {
-    const MultiIndex& index = c.monotone[static_cast<std::size_t>(m)];
-    of_degree_[static_cast<std::size_t>(index.degree_of(kk))].push_back(m);
+  of_degree_.resize(degrees_);
+  for (Index m = 0; m < monotone_count_; ++m) {
+    const MultiIndex& index = c.monotone[m];
+    of_degree_[index.degree_of(kk)].push_back(m);
     if (index.total == 0) unit_monotone_ = m;
     if (index.total > 0) penalised_[constant_.cols() + m] = 1;
   }
   for (const auto& members : of_degree_) {
-    Eigen::MatrixXd columns(n, static_cast<Eigen::Index>(members.size()));
-    for (std::size_t m = 0; m < members.size(); ++m)
-      columns.col(static_cast<Eigen::Index>(m)) =
-          product(c.monotone[static_cast<std::size_t>(members[m])], kk, monotone_tables, n);
+    Eigen::MatrixXd columns(n, std::ssize(members));
+    for (Index m = 0; m < std::ssize(members); ++m)
+      columns.col(m) = product(c.monotone[members[m]], kk, monotone_tables, n);
     prefix_.push_back(std::move(columns));
   }
   psi_ = tabulate(basis, true, own_, degree);
   IntegrationRule rule;
   Values value{};
-  for (Eigen::Index i = 0; i < n; ++i) {
+  for (Index i = 0; i < n; ++i) {
     rule_begin_.push_back(rule_weight_.size());
     basis.integration_rule(own_[i], degree, rule);
-    for (std::size_t q = 0; q < rule.weight.size(); ++q) {
+    for (Index q = 0; q < std::ssize(rule.weight); ++q) {
       rule_weight_.push_back(rule.weight[q]);
       basis.monotone(rule.node[q], degree, value);
       rule_psi_.insert(rule_psi_.end(), value.begin(), value.begin() + degrees_);
     }
   }
   rule_begin_.push_back(rule_weight_.size());
-  weights_.setConstant(n, 1.0 / static_cast<double>(n));
+  weights_.setConstant(n, 1.0 / n);
 }
 
 /// b and h = Σ_j b_j ψ_j at every sample.
 void SampleObjective::collapse(const Eigen::VectorXd& a) {
   b_.resize(own_.size(), degrees_);
   Eigen::VectorXd part;
-  for (Eigen::Index j = 0; j < degrees_; ++j) {
-    const auto& members = of_degree_[static_cast<std::size_t>(j)];
-    part.resize(static_cast<Eigen::Index>(members.size()));
-    for (std::size_t m = 0; m < members.size(); ++m)
-      part[static_cast<Eigen::Index>(m)] = a[constant_.cols() + members[m]];
-    b_.col(j).noalias() = prefix_[static_cast<std::size_t>(j)] * part;
+  for (Index j = 0; j < degrees_; ++j) {
+    const auto& members = of_degree_[j];
+    part.resize(std::ssize(members));
+    for (Index m = 0; m < std::ssize(members); ++m) part[m] = a[constant_.cols() + members[m]];
+    b_.col(j).noalias() = prefix_[j] * part;
   }
   h_ = b_.cwiseProduct(psi_).rowwise().sum();
 }
 
 /// ∫ r(h), and its first and second derivatives in b.
 void SampleObjective::integrate(int derivatives) {
-  const Eigen::Index n = own_.size();
-  const auto p = static_cast<std::size_t>(degrees_);
+  const Index n = own_.size();
+  const std::size_t p = degrees_;
   integral_.setZero(n);
   g_.setZero(n, degrees_);
   if (derivatives >= 2) curvature_.setZero(n, degrees_ * degrees_);
   std::vector<double> b(p), g(p), curvature(p * p);
-  for (Eigen::Index i = 0; i < n; ++i) {
+  for (Index i = 0; i < n; ++i) {
     double sum = 0;
     std::fill(g.begin(), g.end(), 0.0), std::fill(curvature.begin(), curvature.end(), 0.0);
-    for (std::size_t j = 0; j < p; ++j) b[j] = b_(i, static_cast<Eigen::Index>(j));
-    for (std::size_t q = rule_begin_[static_cast<std::size_t>(i)];
-         q < rule_begin_[static_cast<std::size_t>(i) + 1]; ++q) {
+    for (std::size_t j = 0; j < p; ++j) b[j] = b_(i, j);
+    for (std::size_t q = rule_begin_[i]; q < rule_begin_[i + 1]; ++q) {
       const double* psi = rule_psi_.data() + q * p;
       double h = 0;
       for (std::size_t j = 0; j < p; ++j) h += b[j] * psi[j];
@@ -149,10 +146,9 @@ void SampleObjective::integrate(int derivatives) {
     }
     integral_[i] = sum;
     for (std::size_t j = 0; j < p; ++j) {
-      g_(i, static_cast<Eigen::Index>(j)) = g[j];
+      g_(i, j) = g[j];
       if (derivatives >= 2)
-        for (std::size_t l = 0; l <= j; ++l)
-          curvature_(i, static_cast<Eigen::Index>(j * p + l)) = curvature[j * p + l];
+        for (std::size_t l = 0; l <= j; ++l) curvature_(i, j * p + l) = curvature[j * p + l];
     }
   }
 }
@@ -162,20 +158,20 @@ Eigen::VectorXd SampleObjective::losses(const Eigen::VectorXd& a) {
   integrate(0);
   const Eigen::VectorXd s = constant_ * a.head(constant_.cols()) + integral_;
   Eigen::VectorXd result(s.size());
-  for (Eigen::Index i = 0; i < s.size(); ++i)
+  for (Index i = 0; i < s.size(); ++i)
     result[i] = std::min(0.5 * s[i] * s[i] - log_rectified(k_rectifier, h_[i]), 1e6);
   return result;
 }
 
 bool SampleObjective::evaluate(const Eigen::VectorXd& a, int derivatives, double& value,
                                Eigen::VectorXd& gradient, Eigen::MatrixXd& hessian) {
-  const Eigen::Index n = own_.size(), n_c = constant_.cols();
+  const Index n = own_.size(), n_c = constant_.cols();
   collapse(a);
   integrate(derivatives);
   const Eigen::VectorXd s = constant_ * a.head(n_c) + integral_;
   value = 0.5 * regularisation_ * penalised_.dot(a.cwiseAbs2());
   Eigen::VectorXd slope(n), bend(n);  // w (log r)', w (log r)''
-  for (Eigen::Index i = 0; i < n; ++i) {
+  for (Index i = 0; i < n; ++i) {
     if (weights_[i] == 0) {
       slope[i] = bend[i] = 0;
       continue;
@@ -193,30 +189,28 @@ bool SampleObjective::evaluate(const Eigen::VectorXd& a, int derivatives, double
   gradient.head(n_c).noalias() += constant_.transpose() * residual;
   Eigen::MatrixXd sensitivity(n, dimension());  // ∂S/∂a
   sensitivity.leftCols(n_c) = constant_;
-  for (Eigen::Index j = 0; j < degrees_; ++j) {
-    const auto& members = of_degree_[static_cast<std::size_t>(j)];
-    const auto& prefix = prefix_[static_cast<std::size_t>(j)];
+  for (Index j = 0; j < degrees_; ++j) {
+    const auto& members = of_degree_[j];
+    const auto& prefix = prefix_[j];
     const Eigen::VectorXd part =
         prefix.transpose() * (residual.cwiseProduct(g_.col(j)) - slope.cwiseProduct(psi_.col(j)));
-    for (std::size_t m = 0; m < members.size(); ++m) {
-      gradient[n_c + members[m]] += part[static_cast<Eigen::Index>(m)];
-      sensitivity.col(n_c + members[m]) = prefix.col(static_cast<Eigen::Index>(m)).cwiseProduct(g_.col(j));
+    for (Index m = 0; m < std::ssize(members); ++m) {
+      gradient[n_c + members[m]] += part[m];
+      sensitivity.col(n_c + members[m]) = prefix.col(m).cwiseProduct(g_.col(j));
     }
   }
   if (derivatives < 2) return true;
   hessian.noalias() = sensitivity.transpose() * weights_.asDiagonal() * sensitivity;
   hessian.diagonal() += regularisation_ * penalised_;
-  for (Eigen::Index j = 0; j < degrees_; ++j)
-    for (Eigen::Index l = 0; l <= j; ++l) {
-      const auto &rows = of_degree_[static_cast<std::size_t>(j)],
-                 &columns = of_degree_[static_cast<std::size_t>(l)];
+  for (Index j = 0; j < degrees_; ++j)
+    for (Index l = 0; l <= j; ++l) {
+      const auto &rows = of_degree_[j], &columns = of_degree_[l];
       const Eigen::VectorXd scale = residual.cwiseProduct(curvature_.col(j * degrees_ + l)) -
                                     bend.cwiseProduct(psi_.col(j)).cwiseProduct(psi_.col(l));
-      const Eigen::MatrixXd block = prefix_[static_cast<std::size_t>(j)].transpose() * scale.asDiagonal() *
-                                    prefix_[static_cast<std::size_t>(l)];
-      for (std::size_t r = 0; r < rows.size(); ++r)
-        for (std::size_t c = 0; c < columns.size(); ++c) {
-          const double entry = block(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(c));
+      const Eigen::MatrixXd block = prefix_[j].transpose() * scale.asDiagonal() * prefix_[l];
+      for (Index r = 0; r < std::ssize(rows); ++r)
+        for (Index c = 0; c < std::ssize(columns); ++c) {
+          const double entry = block(r, c);
           hessian(n_c + rows[r], n_c + columns[c]) += entry;
           if (j != l) hessian(n_c + columns[c], n_c + rows[r]) += entry;
         }
@@ -226,11 +220,10 @@ bool SampleObjective::evaluate(const Eigen::VectorXd& a, int derivatives, double
 
 Eigen::VectorXd SampleObjective::affine_start() const {
   // x_k = β_0 + βᵀ x_before + σ e, hence S = (x_k − β_0 − βᵀ x_before)/σ.
-  const Eigen::Index n = own_.size(), columns = 1 + static_cast<Eigen::Index>(linear_.size());
+  const Index n = own_.size(), columns = 1 + std::ssize(linear_);
   Eigen::MatrixXd design(n, columns);
   design.col(0).setOnes();
-  for (std::size_t m = 0; m < linear_.size(); ++m)
-    design.col(static_cast<Eigen::Index>(m) + 1) = constant_.col(linear_[m]);
+  for (Index m = 0; m < std::ssize(linear_); ++m) design.col(m + 1) = constant_.col(linear_[m]);
   Eigen::MatrixXd normal = design.transpose() * weights_.asDiagonal() * design;
   normal.diagonal().array() += 1e-12;  // coordinates that repeat each other
   const Eigen::VectorXd right = design.transpose() * weights_.cwiseProduct(own_);
@@ -239,8 +232,7 @@ Eigen::VectorXd SampleObjective::affine_start() const {
   const double slope = 1 / std::sqrt(std::max(variance, 1e-12));
   Eigen::VectorXd a = Eigen::VectorXd::Zero(dimension());
   a[constant_column_] = -slope * beta[0];
-  for (std::size_t m = 0; m < linear_.size(); ++m)
-    a[linear_[m]] = -slope * beta[static_cast<Eigen::Index>(m) + 1];
+  for (Index m = 0; m < std::ssize(linear_); ++m) a[linear_[m]] = -slope * beta[m + 1];
   a[constant_.cols() + unit_monotone_] = inverse_rectifier(slope);
   return a;
 }

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/optimise/minimiser.hpp"
 #include "knothe/transport/map/triangular_map.hpp"
 
@@ -15,11 +16,11 @@ class SampleObjective final : public numerics::Objective {
  public:
   /// Component k of `map`, an integrated softplus, at the samples y (n × d, standardised). The map must
   /// outlive this.
-  SampleObjective(const TriangularMap& map, Eigen::Index k, const Eigen::Ref<const Eigen::MatrixXd>& y,
+  SampleObjective(const TriangularMap& map, Index k, const Eigen::Ref<const Eigen::MatrixXd>& y,
                   double regularisation);
   /// Σ w = 1. Samples of weight zero take no part; `held_out` tells about them.
   void set_weights(Eigen::VectorXd weights) { weights_ = std::move(weights); }
-  [[nodiscard]] Eigen::Index dimension() const override { return constant_.cols() + monotone_count_; }
+  [[nodiscard]] Index dimension() const override { return constant_.cols() + monotone_count_; }
   bool evaluate(const Eigen::VectorXd& a, int derivatives, double& value, Eigen::VectorXd& gradient,
                 Eigen::MatrixXd& hessian) override;
   /// ½ S² − log ∂_k S at every sample.
@@ -32,18 +33,18 @@ class SampleObjective final : public numerics::Objective {
   void integrate(int derivatives);
 
   double regularisation_;
-  Eigen::VectorXd own_;               ///< n: y_k
-  Eigen::MatrixXd constant_;          ///< n × n_c: Φ_c
-  std::vector<Eigen::Index> linear_;  ///< columns of Φ_c that are single coordinates
-  Eigen::Index constant_column_ = 0;  ///< of Φ_c that is 1
-  Eigen::Index unit_monotone_ = 0;    ///< in a_e, the empty index
-  Eigen::VectorXd penalised_;         ///< 1 for coefficients under λ, else 0
-  Eigen::Index monotone_count_ = 0, degrees_ = 0;
-  std::vector<std::vector<Eigen::Index>> of_degree_;  ///< per degree in x_k: its coefficients in a_e
-  std::vector<Eigen::MatrixXd> prefix_;               ///< per degree, n × their number: Φ'_α
-  Eigen::MatrixXd psi_;                               ///< n × degrees: ψ_j(y_k)
-  std::vector<std::size_t> rule_begin_;               ///< n + 1: of each sample's integration nodes
-  std::vector<double> rule_weight_, rule_psi_;        ///< nodes; nodes × degrees
+  Eigen::VectorXd own_;        ///< n: y_k
+  Eigen::MatrixXd constant_;   ///< n × n_c: Φ_c
+  std::vector<Index> linear_;  ///< columns of Φ_c that are single coordinates
+  Index constant_column_ = 0;  ///< of Φ_c that is 1
+  Index unit_monotone_ = 0;    ///< in a_e, the empty index
+  Eigen::VectorXd penalised_;  ///< 1 for coefficients under λ, else 0
+  Index monotone_count_ = 0, degrees_ = 0;
+  std::vector<std::vector<Index>> of_degree_;   ///< per degree in x_k: its coefficients in a_e
+  std::vector<Eigen::MatrixXd> prefix_;         ///< per degree, n × their number: Φ'_α
+  Eigen::MatrixXd psi_;                         ///< n × degrees: ψ_j(y_k)
+  std::vector<std::size_t> rule_begin_;         ///< n + 1: of each sample's integration nodes
+  std::vector<double> rule_weight_, rule_psi_;  ///< nodes; nodes × degrees
   Eigen::VectorXd weights_;
   Eigen::MatrixXd b_, g_, curvature_;  ///< n × degrees, the same, n × degrees²
   Eigen::VectorXd h_, integral_;

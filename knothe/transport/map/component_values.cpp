@@ -1,5 +1,6 @@
 #include <cmath>
 
+#include "knothe/base/index.hpp"
 #include "knothe/sampling/log_density.hpp"
 #include "knothe/transport/map/point_tables.hpp"
 #include "knothe/transport/map/rectifier.hpp"
@@ -29,16 +30,16 @@ void rectify_all(Rectifier rectifier, const Eigen::VectorXd& h, int derivatives,
 
 }  // namespace
 
-void ComponentValues::evaluate_slope(const PointTables& tables, const MapLayout& layout, Eigen::Index k,
+void ComponentValues::evaluate_slope(const PointTables& tables, const MapLayout& layout, Index k,
                                      const Eigen::VectorXd& coefficients) {
   const auto& c = layout.component(k);
   const auto& prefix = tables.prefix(k);
   const auto& psi = tables.psi(k);
-  const Eigen::Index n = prefix.rows(), degrees = c.degrees();
+  const Index n = prefix.rows(), degrees = c.degrees();
   b.resize(n, degrees);
   h.resize(n);
-  for (Eigen::Index j = 0; j < degrees; ++j) {
-    const auto& group = c.groups[static_cast<std::size_t>(j)];
+  for (Index j = 0; j < degrees; ++j) {
+    const auto& group = c.groups[j];
     const double* a = coefficients.data() + c.monotone_begin() + group.begin;
     auto column = b.col(j);
     std::size_t m = 0;
@@ -54,7 +55,7 @@ void ComponentValues::evaluate_slope(const PointTables& tables, const MapLayout&
   }
 }
 
-bool ComponentValues::evaluate(const PointTables& tables, const MapLayout& layout, Eigen::Index k,
+bool ComponentValues::evaluate(const PointTables& tables, const MapLayout& layout, Index k,
                                const Eigen::VectorXd& coefficients, int derivatives) {
   evaluate_slope(tables, layout, k, coefficients);
   const Rectifier rectifier = tables.rectifier();
@@ -64,53 +65,51 @@ bool ComponentValues::evaluate(const PointTables& tables, const MapLayout& layou
     integrate(tables, k, derivatives);
   const auto& c = layout.component(k);
   const auto& prefix = tables.constant_prefix(k);
-  for (Eigen::Index m = 0; m < c.constant_count; ++m) value += coefficients[c.offset + m] * prefix.col(m);
+  for (Index m = 0; m < c.constant_count; ++m) value += coefficients[c.offset + m] * prefix.col(m);
   logarithm(rectifier, derivatives);
   return rectifier != Rectifier::square || h.minCoeff() > 0;
 }
 
-void ComponentValues::square(const PointTables& tables, Eigen::Index k) {
+void ComponentValues::square(const PointTables& tables, Index k) {
   const auto& integrals = tables.integrals(k);
-  const Eigen::Index degrees = b.cols();
+  const Index degrees = b.cols();
   g.resize(b.rows(), degrees);
   value.setZero(b.rows());
-  for (Eigen::Index j = 0; j < degrees; ++j) {
+  for (Index j = 0; j < degrees; ++j) {
     auto column = g.col(j).array();
     column = 2 * integrals.col(sampling::packed_index(j, 0)).array() * b.col(0).array();
-    for (Eigen::Index l = 1; l < degrees; ++l)
+    for (Index l = 1; l < degrees; ++l)
       column += 2 * integrals.col(sampling::packed_index(j, l)).array() * b.col(l).array();
     value.array() += 0.5 * b.col(j).array() * column;
   }
 }
 
-void ComponentValues::integrate(const PointTables& tables, Eigen::Index k, int derivatives) {
-  const Eigen::Index n = b.rows(), degrees = b.cols(), packed = degrees * (degrees + 1) / 2;
+void ComponentValues::integrate(const PointTables& tables, Index k, int derivatives) {
+  const Index n = b.rows(), degrees = b.cols(), packed = degrees * (degrees + 1) / 2;
   value.setZero(n);
   if (derivatives >= 1) g.setZero(n, degrees);
   if (derivatives >= 2) curvature.setZero(n, packed);
   for (const auto& piece : tables.pieces(k)) {
-    const auto rows = static_cast<Eigen::Index>(piece.rows.size());
+    const auto rows = std::ssize(piece.rows);
     local_b_ = b(piece.rows, Eigen::all);
     local_value_.setZero(rows);
     if (derivatives >= 1) local_g_.setZero(rows, degrees);
     if (derivatives >= 2) local_curvature_.setZero(rows, packed);
-    for (Eigen::Index q = 0; q < piece.nodes; ++q) {
+    for (Index q = 0; q < piece.nodes; ++q) {
       const auto psi = piece.psi.middleCols(q * degrees, degrees);
       const auto weight = piece.weight.col(q).array();
       node_h_ = local_b_.col(0);
-      for (Eigen::Index j = 1; j < degrees; ++j)
-        node_h_.array() += local_b_.col(j).array() * psi.col(j).array();
+      for (Index j = 1; j < degrees; ++j) node_h_.array() += local_b_.col(j).array() * psi.col(j).array();
       rectify_all(tables.rectifier(), node_h_, derivatives, zeroth_, first_, second_);
       local_value_.array() += weight * zeroth_.array();
       if (derivatives < 1) continue;
       first_.array() *= weight;
-      for (Eigen::Index j = 0; j < degrees; ++j)
-        local_g_.col(j).array() += first_.array() * psi.col(j).array();
+      for (Index j = 0; j < degrees; ++j) local_g_.col(j).array() += first_.array() * psi.col(j).array();
       if (derivatives < 2) continue;
       second_.array() *= weight;
-      for (Eigen::Index j = 0; j < degrees; ++j) {
+      for (Index j = 0; j < degrees; ++j) {
         first_ = second_.cwiseProduct(psi.col(j));
-        for (Eigen::Index l = 0; l <= j; ++l)
+        for (Index l = 0; l <= j; ++l)
           local_curvature_.col(sampling::packed_index(j, l)).array() += first_.array() * psi.col(l).array();
       }
     }
@@ -127,9 +126,9 @@ void ComponentValues::logarithm(Rectifier rectifier, int derivatives) {
     if (derivatives >= 2) log_slope_second = -0.5 * log_slope_first.array().square();
     return;
   }
-  const Eigen::Index n = h.size();
+  const Index n = h.size();
   log_slope.resize(n), log_slope_first.resize(n), log_slope_second.resize(n);
-  for (Eigen::Index i = 0; i < n; ++i) {
+  for (Index i = 0; i < n; ++i) {
     log_slope[i] = log_rectified(rectifier, h[i]);
     if (derivatives < 1) continue;
     // (log r)'' = r''/r − (r'/r)²; far out r = eʰ for the softplus, h itself for the exponential.

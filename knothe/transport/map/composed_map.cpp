@@ -6,6 +6,7 @@
 #include <type_traits>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/sampling/log_density.hpp"
 
 namespace knothe::transport {
@@ -17,24 +18,24 @@ constexpr double k_log_two_pi = 1.83787706640934548356;
 /// Derivatives of outer ∘ inner, where `outer` was evaluated at the value of `inner`: the chain rule
 ///   ∂_a M_i = Σ_m O_im I_ma,   ∂_ab M_i = Σ_m O_im I_m,ab + Σ_mn O_i,mn I_ma I_nb.
 void chain(const MapBatch& outer, const MapBatch& inner, int derivatives, MapBatch& out) {
-  const Eigen::Index n = inner.value.rows(), d = inner.value.cols(), packed = d * (d + 1) / 2;
+  const Index n = inner.value.rows(), d = inner.value.cols(), packed = d * (d + 1) / 2;
   out.resize(n, d, derivatives);
   out.value = outer.value;
   out.log_determinant = outer.log_determinant + inner.log_determinant;
   if (derivatives >= 1) out.jacobian.setZero();
   if (derivatives >= 2) out.hessian.setZero();
   if (derivatives < 1) return;
-  for (Eigen::Index i = 0; i < d; ++i)
-    for (Eigen::Index m = 0; m < d; ++m) {
+  for (Index i = 0; i < d; ++i)
+    for (Index m = 0; m < d; ++m) {
       const auto slope = outer.jacobian.col(i * d + m).array();
-      for (Eigen::Index a = 0; a < d; ++a)
+      for (Index a = 0; a < d; ++a)
         out.jacobian.col(i * d + a).array() += slope * inner.jacobian.col(m * d + a).array();
       if (derivatives < 2) continue;
-      for (Eigen::Index a = 0; a < d; ++a)
-        for (Eigen::Index b = 0; b <= a; ++b) {
+      for (Index a = 0; a < d; ++a)
+        for (Index b = 0; b <= a; ++b) {
           auto entry = out.hessian.col(i * packed + sampling::packed_index(a, b)).array();
           entry += slope * inner.hessian.col(m * packed + sampling::packed_index(a, b)).array();
-          for (Eigen::Index l = 0; l < d; ++l)
+          for (Index l = 0; l < d; ++l)
             entry += outer.hessian.col(i * packed + sampling::packed_index(m, l)).array() *
                      inner.jacobian.col(m * d + a).array() * inner.jacobian.col(l * d + b).array();
         }
@@ -44,28 +45,27 @@ void chain(const MapBatch& outer, const MapBatch& inner, int derivatives, MapBat
 }  // namespace
 
 Eigen::VectorXd standard_normal_log_density(const Eigen::Ref<const Eigen::MatrixXd>& points) {
-  return (-0.5 * points.rowwise().squaredNorm()).array() -
-         0.5 * static_cast<double>(points.cols()) * k_log_two_pi;
+  return (-0.5 * points.rowwise().squaredNorm()).array() - 0.5 * points.cols() * k_log_two_pi;
 }
 
-AffineMap AffineMap::identity(Eigen::Index d) {
+AffineMap AffineMap::identity(Index d) {
   return {Eigen::VectorXd::Zero(d), Eigen::MatrixXd::Identity(d, d), {}};
 }
 
 void AffineMap::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                          MapBatch& out) const {
-  const Eigen::Index n = points.rows(), d = dimension();
+  const Index n = points.rows(), d = dimension();
   const Eigen::MatrixXd a = matrix();
   out.resize(n, d, derivatives);
-  for (Eigen::Index i = 0; i < d; ++i) {
+  for (Index i = 0; i < d; ++i) {
     out.value.col(i).setConstant(shift[i]);
-    for (Eigen::Index j = 0; j < d; ++j)
+    for (Index j = 0; j < d; ++j)
       if (a(i, j) != 0) out.value.col(i) += a(i, j) * points.col(j);
   }
   out.log_determinant.setConstant(log_determinant());
   if (derivatives >= 1)
-    for (Eigen::Index i = 0; i < d; ++i)
-      for (Eigen::Index j = 0; j < d; ++j) out.jacobian.col(i * d + j).setConstant(a(i, j));
+    for (Index i = 0; i < d; ++i)
+      for (Index j = 0; j < d; ++j) out.jacobian.col(i * d + j).setConstant(a(i, j));
   if (derivatives >= 2) out.hessian.setZero();
 }
 
@@ -85,7 +85,7 @@ std::string AffineMap::describe() const {
 }
 
 void ComposedMap::append(Part part) {
-  const Eigen::Index d = std::visit([](const auto& map) { return map.dimension(); }, part);
+  const Index d = std::visit([](const auto& map) { return map.dimension(); }, part);
   if (d != dimension_)
     throw UsageError(fmt::format("composed map in {} dimensions: the map to append has {}", dimension_, d));
   parts_.push_back(std::move(part));

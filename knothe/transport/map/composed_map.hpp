@@ -5,6 +5,7 @@
 #include <variant>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/transport/map/triangular_map.hpp"
 
 namespace knothe::transport {
@@ -21,9 +22,9 @@ struct AffineMap {
     return is_triangular() ? lower : Eigen::MatrixXd(rotation * lower);
   }
 
-  [[nodiscard]] Eigen::Index dimension() const { return shift.size(); }
+  [[nodiscard]] Index dimension() const { return shift.size(); }
   [[nodiscard]] double log_determinant() const { return lower.diagonal().array().log().sum(); }
-  [[nodiscard]] static AffineMap identity(Eigen::Index d);
+  [[nodiscard]] static AffineMap identity(Index d);
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives, MapBatch& out) const;
   [[nodiscard]] Eigen::MatrixXd inverse(const Eigen::Ref<const Eigen::MatrixXd>& z) const;
   /// One line: the range of the shift and of the diagonal.
@@ -37,12 +38,12 @@ class ComposedMap {
   using Part = std::variant<AffineMap, TriangularMap>;
 
   /// The identity of R^d.
-  explicit ComposedMap(Eigen::Index dimension = 0) : dimension_(dimension) {}
+  explicit ComposedMap(Index dimension = 0) : dimension_(dimension) {}
 
   /// Errors: UsageError for another dimension.
   void append(Part part);
   void pop_back() { parts_.pop_back(); }
-  [[nodiscard]] Eigen::Index dimension() const { return dimension_; }
+  [[nodiscard]] Index dimension() const { return dimension_; }
   [[nodiscard]] const std::vector<Part>& parts() const { return parts_; }
 
   /// Value, derivatives up to order 2 by the chain rule, log det.
@@ -55,7 +56,7 @@ class ComposedMap {
   [[nodiscard]] std::string describe() const;
 
  private:
-  Eigen::Index dimension_ = 0;
+  Index dimension_ = 0;
   std::vector<Part> parts_;
 };
 

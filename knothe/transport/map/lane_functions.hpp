@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "knothe/base/index.hpp"
 #include "knothe/transport/map/lanes.hpp"
 #include "knothe/transport/map/one_variable_basis.hpp"
 #include "knothe/transport/map/rectifier.hpp"
@@ -16,8 +17,7 @@ using LaneValues = std::array<Lanes, k_max_order + 1>;
 struct RootTable {
   std::array<double, k_max_order + 1> root{}, inverse{};
   RootTable() {
-    for (std::size_t k = 1; k < root.size(); ++k)
-      root[k] = std::sqrt(static_cast<double>(k)), inverse[k] = 1 / root[k];
+    for (Index k = 1; k < std::ssize(root); ++k) root[k] = std::sqrt(k), inverse[k] = 1 / root[k];
   }
 };
 inline const RootTable k_lane_roots;
@@ -27,7 +27,7 @@ inline void lane_polynomials(Lanes x, int n, Lanes* out) {
   out[0] = lanes(1);
   if (n >= 1) out[1] = x;
   for (int k = 2; k <= n; ++k) {
-    const auto i = static_cast<std::size_t>(k);
+    const std::size_t i = k;
     out[k] = (x * out[k - 1] - k_lane_roots.root[i - 1] * out[k - 2]) * k_lane_roots.inverse[i];
   }
 }
@@ -36,8 +36,7 @@ inline void lane_polynomials(Lanes x, int n, Lanes* out) {
 inline void lane_constant_functions(const TailRadii& r, Lanes x, int n, Lanes* out) {
   const Lanes inside = clamp(x, r.tangent), beyond = x - inside;
   lane_polynomials(inside, n, out);
-  for (int j = n; j >= 1; --j)
-    out[j] += beyond * (k_lane_roots.root[static_cast<std::size_t>(j)] * out[j - 1]);
+  for (int j = n; j >= 1; --j) out[j] += beyond * (k_lane_roots.root[j] * out[j - 1]);
 }
 
 /// τ of Φ_e.

@@ -61,7 +61,7 @@ struct Column {
 
 /// Writes the first `count` points of a column.
 inline void store(const Column& column, double* out, int count) {
-  std::memcpy(out, column.lane, static_cast<std::size_t>(count) * sizeof(double));
+  std::memcpy(out, column.lane, count * sizeof(double));
 }
 
 }  // namespace knothe::transport

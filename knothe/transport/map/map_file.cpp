@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/hdf5.hpp"
@@ -25,7 +26,7 @@ std::string part_group(std::size_t i) {
 // Writing: one overload per kind of part. A new alternative of ComposedMap::Part does not compile without.
 
 void write_part(files::Hdf5Writer& file, const std::string& group, const AffineMap& map) {
-  const auto d = static_cast<std::size_t>(map.dimension());
+  const std::size_t d = map.dimension();
   file.text_attribute(group, "kind", "affine");
   file.write(group + "/shift", {map.shift.data(), d}, {d}, {"1", "shift of x -> shift + rotation lower x"});
   const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> lower = map.lower;
@@ -43,14 +44,14 @@ void write_part(files::Hdf5Writer& file, const std::string& group, const Triangu
   file.text_attribute(group, "tails", k_tails);
   const double radii[] = {p.radii.level, p.radii.bend, p.radii.tangent};
   file.write(group + "/radii", radii, {3}, {"1", "radii of the tails: level, bend, tangent"});
-  const auto count = static_cast<std::size_t>(map.coefficients().size());
+  const std::size_t count = map.coefficients().size();
   file.write(group + "/coefficients", {map.coefficients().data(), count}, {count}, {"1", "coefficients"});
   std::vector<std::int64_t> terms, factors;
-  for (Eigen::Index k = 0; k < map.dimension(); ++k) {
+  for (Index k = 0; k < map.dimension(); ++k) {
     const MapComponent& c = map.component(k);
     for (const std::int64_t set : {0, 1})
       for (const MultiIndex& index : set == 0 ? c.constant : c.monotone) {
-        const auto coefficient = static_cast<std::int64_t>(terms.size() / 2);
+        const std::int64_t coefficient = terms.size() / 2;
         terms.insert(terms.end(), {k, set});
         for (const auto& f : index.factors)
           factors.insert(factors.end(), {coefficient, f.variable, f.degree});
@@ -69,12 +70,12 @@ void write_part(files::Hdf5Writer& file, const std::string& group, const Triangu
 }
 
 /// An attribute that counts something.
-Eigen::Index count_attribute(const files::Hdf5Reader& file, const std::string& name, double most) {
+Index count_attribute(const files::Hdf5Reader& file, const std::string& name, double most) {
   const double value = file.number_attribute("/", name);
-  if (!(value >= 0 && value <= most && value == static_cast<double>(static_cast<Eigen::Index>(value))))
+  if (!(value >= 0 && value <= most && value == static_cast<Index>(value)))
     fail(file,
          fmt::format("attribute {} of / is {}: a whole number from 0 to {} is needed", name, value, most));
-  return static_cast<Eigen::Index>(value);
+  return static_cast<Index>(value);
 }
 
 std::vector<std::int64_t> read_table(const files::Hdf5Reader& file, const std::string& name,
@@ -85,15 +86,15 @@ std::vector<std::int64_t> read_table(const files::Hdf5Reader& file, const std::s
   return file.read_integers(name);
 }
 
-AffineMap read_affine(const files::Hdf5Reader& file, const std::string& group, Eigen::Index d) {
-  const auto size = static_cast<std::size_t>(d);
+AffineMap read_affine(const files::Hdf5Reader& file, const std::string& group, Index d) {
+  const std::size_t size = d;
   const std::vector<double> shift = file.read(group + "/shift", files::Shape{size});
   const std::vector<double> lower = file.read(group + "/lower", files::Shape{size, size});
   AffineMap map = AffineMap::identity(d);
-  for (Eigen::Index i = 0; i < d; ++i) {
-    map.shift[i] = shift[static_cast<std::size_t>(i)];
-    for (Eigen::Index j = 0; j < d; ++j) {
-      map.lower(i, j) = lower[static_cast<std::size_t>(i * d + j)];
+  for (Index i = 0; i < d; ++i) {
+    map.shift[i] = shift[i];
+    for (Index j = 0; j < d; ++j) {
+      map.lower(i, j) = lower[i * d + j];
       if (j > i && map.lower(i, j) != 0)
         fail(file, fmt::format("data set {}/lower[{},{}] is {}: it must be 0 above the diagonal", group, i, j,
                                map.lower(i, j)));
@@ -106,8 +107,8 @@ AffineMap read_affine(const files::Hdf5Reader& file, const std::string& group, E
   if (!file.has(name)) return map;
   const std::vector<double> rotation = file.read(name, files::Shape{size, size});
   map.rotation.resize(d, d);
-  for (Eigen::Index i = 0; i < d; ++i)
-    for (Eigen::Index j = 0; j < d; ++j) map.rotation(i, j) = rotation[static_cast<std::size_t>(i * d + j)];
+  for (Index i = 0; i < d; ++i)
+    for (Index j = 0; j < d; ++j) map.rotation(i, j) = rotation[i * d + j];
   const Eigen::MatrixXd square = map.rotation.transpose() * map.rotation;
   if (!(square - Eigen::MatrixXd::Identity(d, d)).isZero(1e-10))
     fail(file, fmt::format("data set {} is not orthogonal", name));
@@ -129,13 +130,12 @@ std::vector<MultiIndex> read_indices(const files::Hdf5Reader& file, const std::s
       fail(file,
            fmt::format("data set {}[{}] is ({}, {}, {}): no coefficient, variable and degree of this map",
                        name, f, coefficient, variable, degree));
-    indices[static_cast<std::size_t>(coefficient)].factors.push_back(
-        {static_cast<int>(variable), static_cast<int>(degree)});
+    indices[coefficient].factors.push_back({static_cast<int>(variable), static_cast<int>(degree)});
   }
   return indices;
 }
 
-TriangularMap read_triangular(const files::Hdf5Reader& file, const std::string& group, Eigen::Index d) {
+TriangularMap read_triangular(const files::Hdf5Reader& file, const std::string& group, Index d) {
   const std::string terms_name = group + "/terms";
   const std::vector<std::int64_t> terms = read_table(file, terms_name, 2);
   const std::size_t count = terms.size() / 2;
@@ -143,7 +143,7 @@ TriangularMap read_triangular(const files::Hdf5Reader& file, const std::string& 
   const std::vector<double> radii = file.read(group + "/radii", files::Shape{3});
   std::vector<MultiIndex> indices = read_indices(file, group, count);
   MapSpecification specification;
-  specification.components.resize(static_cast<std::size_t>(d));
+  specification.components.resize(d);
   std::int64_t last_component = 0, last_set = 0;
   for (std::size_t m = 0; m < count; ++m) {
     const std::int64_t component = terms[2 * m], set = terms[2 * m + 1];
@@ -153,7 +153,7 @@ TriangularMap read_triangular(const files::Hdf5Reader& file, const std::string& 
            fmt::format("data set {}[{}] is ({}, {}): components from 0 to {}, each with set 0, then set 1, "
                        "are needed in order",
                        terms_name, m, component, set, d - 1));
-    auto& c = specification.components[static_cast<std::size_t>(component)];
+    auto& c = specification.components[component];
     (set == 0 ? c.constant : c.monotone).push_back(std::move(indices[m]));
     last_component = component, last_set = set;
   }
@@ -165,15 +165,14 @@ TriangularMap read_triangular(const files::Hdf5Reader& file, const std::string& 
     specification.parametrisation = {rectifier_from(file.text_attribute(group, "rectifier")),
                                      {radii[0], radii[1], radii[2]}};
     TriangularMap map(std::move(specification));
-    map.set_coefficients(Eigen::Map<const Eigen::VectorXd>(coefficients.data(),
-                                                           static_cast<Eigen::Index>(coefficients.size())));
+    map.set_coefficients(Eigen::Map<const Eigen::VectorXd>(coefficients.data(), std::ssize(coefficients)));
     return map;
   } catch (const UsageError& error) {
     fail(file, fmt::format("{}: {}", group, error.what()));
   }
 }
 
-ComposedMap::Part read_part(const files::Hdf5Reader& file, const std::string& group, Eigen::Index d) {
+ComposedMap::Part read_part(const files::Hdf5Reader& file, const std::string& group, Index d) {
   const std::string kind = file.text_attribute(group, "kind");
   if (kind == "affine") return read_affine(file, group, d);
   if (kind == "triangular") return read_triangular(file, group, d);
@@ -203,7 +202,7 @@ void save_map(const std::string& path, const ComposedMap& map, const MapMetadata
     file.text_attribute("/", "created_by", k_created_by);
     file.text_attribute("/", "kind", k_kind);
     file.integer_attribute("/", "dimension", map.dimension());
-    file.integer_attribute("/", "parts", static_cast<std::int64_t>(map.parts().size()));
+    file.integer_attribute("/", "parts", std::ssize(map.parts()));
     file.make_group("/metadata");
     std::vector<std::string> names;
     for (const auto& [name, text] : metadata) {
@@ -211,7 +210,7 @@ void save_map(const std::string& path, const ComposedMap& map, const MapMetadata
       file.text_attribute("/metadata", "text:" + name, text);
     }
     if (!names.empty()) file.texts_attribute("/metadata", "names", names);
-    for (std::size_t i = 0; i < map.parts().size(); ++i) {
+    for (Index i = 0; i < std::ssize(map.parts()); ++i) {
       file.make_group(part_group(i));
       std::visit([&](const auto& part) { write_part(file, part_group(i), part); }, map.parts()[i]);
     }
@@ -222,13 +221,12 @@ void save_map(const std::string& path, const ComposedMap& map, const MapMetadata
 StoredMap load_map(const std::string& path) {
   const files::Hdf5Reader file(path);
   check_schema(file);
-  const Eigen::Index d = count_attribute(file, "dimension", 1e6), parts = count_attribute(file, "parts", 1e6);
+  const Index d = count_attribute(file, "dimension", 1e6), parts = count_attribute(file, "parts", 1e6);
   StoredMap stored{ComposedMap(d), {}, file.text_attribute("/", "created_by")};
   if (file.has("/metadata") && file.has_attribute("/metadata", "names"))
     for (const std::string& name : file.texts_attribute("/metadata", "names"))
       stored.metadata[name] = file.text_attribute("/metadata", "text:" + name);
-  for (Eigen::Index i = 0; i < parts; ++i)
-    stored.map.append(read_part(file, part_group(static_cast<std::size_t>(i)), d));
+  for (Index i = 0; i < parts; ++i) stored.map.append(read_part(file, part_group(i), d));
   return stored;
 }
 

@@ -5,6 +5,7 @@
 #include <limits>
 #include <utility>
 
+#include "knothe/base/index.hpp"
 #include "knothe/transport/map/lane_functions.hpp"
 #include "knothe/transport/map/point_evaluation.hpp"
 
@@ -60,37 +61,33 @@ MapKernel::MapKernel(MapSpecification specification) : structure_(std::move(spec
   constant_ = ProductTree(constant);
   monotone_ = ProductTree(monotone);
   terms_.resize(structure_.components.size());
-  for (std::size_t k = 0; k < terms_.size(); ++k) {
+  for (Index k = 0; k < std::ssize(terms_); ++k) {
     const MapComponent& c = structure_.components[k];
-    terms_[k].resize(static_cast<std::size_t>(c.degree) + 1);
-    for (std::size_t m = 0; m < c.monotone.size(); ++m)
-      terms_[k][static_cast<std::size_t>(c.monotone[m].degree_of(static_cast<int>(k)))].push_back(
-          {static_cast<int>(m), monotone_.of_index[k][m]});
+    terms_[k].resize(c.degree + 1);
+    for (Index m = 0; m < std::ssize(c.monotone); ++m)
+      terms_[k][c.monotone[m].degree_of(k)].push_back({static_cast<int>(m), monotone_.of_index[k][m]});
   }
 }
 
 /// The functions of variable v, and the products that end with it.
-void MapKernel::fill_functions(Eigen::Index v, bool products, Workspace& work) const {
-  const auto sv = static_cast<std::size_t>(v);
+void MapKernel::fill_functions(Index v, bool products, Workspace& work) const {
   const TailRadii& radii = structure_.basis.parametrisation().radii;
-  const int n_c = structure_.constant_degree[sv], n_e = structure_.monotone_degree[sv];
+  const int n_c = structure_.constant_degree[v], n_e = structure_.monotone_degree[v];
   LaneValues functions;
   for (int l = 0; l < k_block_lanes; ++l) {
-    lane_constant_functions(radii, work.x[sv].lane[l], n_c, functions.data());
-    for (int j = 0; j <= n_c; ++j)
-      work.constant_functions[static_cast<std::size_t>(j)].lane[l] = functions[static_cast<std::size_t>(j)];
-    lane_monotone_functions(radii, work.x[sv].lane[l], n_e, functions.data());
-    for (int j = 0; j <= n_e; ++j)
-      work.monotone_functions[static_cast<std::size_t>(j)].lane[l] = functions[static_cast<std::size_t>(j)];
+    lane_constant_functions(radii, work.x[v].lane[l], n_c, functions.data());
+    for (int j = 0; j <= n_c; ++j) work.constant_functions[j].lane[l] = functions[j];
+    lane_monotone_functions(radii, work.x[v].lane[l], n_e, functions.data());
+    for (int j = 0; j <= n_e; ++j) work.monotone_functions[j].lane[l] = functions[j];
   }
   if (!products) return;
   const auto multiply = [&](const ProductTree& tree, const std::vector<Column>& factors,
                             std::vector<Column>& out) {
-    for (int m = tree.begin[sv]; m < tree.begin[sv + 1]; ++m) {
-      const ProductTree::Product& product = tree.products[static_cast<std::size_t>(m)];
-      const Column& shorter = out[static_cast<std::size_t>(product.parent)];
-      const Column& factor = factors[static_cast<std::size_t>(product.degree)];
-      Column& result = out[static_cast<std::size_t>(m)];
+    for (int m = tree.begin[v]; m < tree.begin[v + 1]; ++m) {
+      const ProductTree::Product& product = tree.products[m];
+      const Column& shorter = out[product.parent];
+      const Column& factor = factors[product.degree];
+      Column& result = out[m];
       for (int l = 0; l < k_block_lanes; ++l) result.lane[l] = shorter.lane[l] * factor.lane[l];
     }
   };
@@ -99,50 +96,45 @@ void MapKernel::fill_functions(Eigen::Index v, bool products, Workspace& work) c
 }
 
 /// b_j = Σ_{α: α_k = j} a_α Φ'_α.
-void MapKernel::collapse(const double* coefficients, Eigen::Index k, Workspace& work) const {
-  const MapComponent& c = structure_.components[static_cast<std::size_t>(k)];
+void MapKernel::collapse(const double* coefficients, Index k, Workspace& work) const {
+  const MapComponent& c = structure_.components[k];
   const double* a_e = coefficients + c.offset + c.constant_count();
-  const auto& groups = terms_[static_cast<std::size_t>(k)];
-  for (std::size_t j = 0; j < groups.size(); ++j)
+  const auto& groups = terms_[k];
+  for (Index j = 0; j < std::ssize(groups); ++j)
     weighted_sum(
         groups[j].size(),
         [&](std::size_t m) {
           const Term& t = groups[j][m];
-          return std::pair(a_e[t.index], &work.monotone_products[static_cast<std::size_t>(t.product)]);
+          return std::pair(a_e[t.index], &work.monotone_products[t.product]);
         },
         work.b[j]);
 }
 
 /// Φ_c a_c.
-void MapKernel::constant_part(const double* coefficients, Eigen::Index k, Workspace& work) const {
-  const auto sk = static_cast<std::size_t>(k);
-  const MapComponent& c = structure_.components[sk];
+void MapKernel::constant_part(const double* coefficients, Index k, Workspace& work) const {
+  const MapComponent& c = structure_.components[k];
   const double* a_c = coefficients + c.offset;
   weighted_sum(
       c.constant.size(),
-      [&](std::size_t m) {
-        return std::pair(a_c[m],
-                         &work.constant_products[static_cast<std::size_t>(constant_.of_index[sk][m])]);
-      },
+      [&](std::size_t m) { return std::pair(a_c[m], &work.constant_products[constant_.of_index[k][m]]); },
       work.constant);
 }
 
 /// value = ∫₀^{x_k} r(h) dθ.
-void MapKernel::integrate(Eigen::Index k, Workspace& work) const {
-  const auto sk = static_cast<std::size_t>(k);
-  const int n = structure_.components[sk].degree;
+void MapKernel::integrate(Index k, Workspace& work) const {
+  const int n = structure_.components[k].degree;
   const Rectifier rectifier = structure_.basis.parametrisation().rectifier;
   const OneVariableBasis::Piece inner = structure_.basis.pieces(n).front();
   const UnitRule& rule = unit_rule(inner.nodes);
   for (int l = 0; l < k_block_lanes; ++l) {
-    const Lanes x = work.x[sk].lane[l], inside = clamp(x, inner.end);
+    const Lanes x = work.x[k].lane[l], inside = clamp(x, inner.end);
     Lanes sum{};
     LaneValues b, functions;
-    for (int j = 0; j <= n; ++j) b[static_cast<std::size_t>(j)] = work.b[static_cast<std::size_t>(j)].lane[l];
-    for (std::size_t q = 0; q < rule.node.size(); ++q) {
+    for (int j = 0; j <= n; ++j) b[j] = work.b[j].lane[l];
+    for (Index q = 0; q < std::ssize(rule.node); ++q) {
       lane_polynomials(inside * rule.node[q], n, functions.data());
       Lanes h = b[0];
-      for (std::size_t j = 1; j <= static_cast<std::size_t>(n); ++j) h += b[j] * functions[j];
+      for (Index j = 1; j <= n; ++j) h += b[j] * functions[j];
       sum += rule.weight[q] * lane_rectify(rectifier, h);
     }
     work.value.lane[l] = inside * sum;
@@ -152,11 +144,10 @@ void MapKernel::integrate(Eigen::Index k, Workspace& work) const {
 }
 
 /// Adds what lies between the inner radius and x_k, for one point.
-void MapKernel::integrate_tail(Eigen::Index k, int lane, int at, Workspace& work) const {
-  const auto sk = static_cast<std::size_t>(k);
-  const int n = structure_.components[sk].degree;
+void MapKernel::integrate_tail(Index k, int lane, int at, Workspace& work) const {
+  const int n = structure_.components[k].degree;
   const OneVariableBasis& basis = structure_.basis;
-  const double x = work.x[sk].lane[lane][at], sign = x < 0 ? -1 : 1, length = std::abs(x);
+  const double x = work.x[k].lane[lane][at], sign = x < 0 ? -1 : 1, length = std::abs(x);
   OneVariableBasis::Values functions{};
   double from = 0;
   bool outside = false;  // the first piece is done
@@ -166,8 +157,7 @@ void MapKernel::integrate_tail(Eigen::Index k, int lane, int at, Workspace& work
     for (std::size_t q = 0; outside && q < rule.node.size(); ++q) {
       basis.monotone(sign * (from + width * rule.node[q]), n, functions);
       double h = 0;
-      for (std::size_t j = 0; j <= static_cast<std::size_t>(n); ++j)
-        h += work.b[j].lane[lane][at] * functions[j];
+      for (Index j = 0; j <= n; ++j) h += work.b[j].lane[lane][at] * functions[j];
       work.value.lane[lane][at] +=
           sign * width * rule.weight[q] * rectify(basis.parametrisation().rectifier, h).value;
     }
@@ -178,13 +168,12 @@ void MapKernel::integrate_tail(Eigen::Index k, int lane, int at, Workspace& work
 }
 
 /// Slope at x_k; M^k = Φ_c a_c + the integral.
-void MapKernel::finish_component(Eigen::Index k, Workspace& work) const {
-  const int n = structure_.components[static_cast<std::size_t>(k)].degree;
+void MapKernel::finish_component(Index k, Workspace& work) const {
+  const int n = structure_.components[k].degree;
   const Rectifier rectifier = structure_.basis.parametrisation().rectifier;
   for (int l = 0; l < k_block_lanes; ++l) {
     Lanes h = work.b[0].lane[l];
-    for (std::size_t j = 1; j <= static_cast<std::size_t>(n); ++j)
-      h += work.b[j].lane[l] * work.monotone_functions[j].lane[l];
+    for (Index j = 1; j <= n; ++j) h += work.b[j].lane[l] * work.monotone_functions[j].lane[l];
     work.value.lane[l] += work.constant.lane[l];
     work.log_determinant.lane[l] += lane_log_rectify(rectifier, h);
   }
@@ -193,24 +182,22 @@ void MapKernel::finish_component(Eigen::Index k, Workspace& work) const {
 namespace {
 
 /// Points `first` … of column v, filled up with zeros.
-void load(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Index v, Eigen::Index first, int count,
-          Column& out) {
+void load(const Eigen::Ref<const Eigen::MatrixXd>& points, Index v, Index first, int count, Column& out) {
   if (count < k_block_points) out = Column{};
-  std::memcpy(out.lane, points.data() + v * points.outerStride() + first,
-              static_cast<std::size_t>(count) * sizeof(double));
+  std::memcpy(out.lane, points.data() + v * points.outerStride() + first, count * sizeof(double));
 }
 
 }  // namespace
 
 void MapKernel::evaluate(const double* coefficients, const Eigen::Ref<const Eigen::MatrixXd>& points,
                          Eigen::MatrixXd& value, Eigen::VectorXd& log_determinant) const {
-  const Eigen::Index n = points.rows(), d = structure_.dimension();
+  const Index n = points.rows(), d = structure_.dimension();
   Workspace work(*this);
-  for (Eigen::Index first = 0; first < n; first += k_block_points) {
-    const int here = static_cast<int>(std::min<Eigen::Index>(k_block_points, n - first));
+  for (Index first = 0; first < n; first += k_block_points) {
+    const int here = std::min<Index>(k_block_points, n - first);
     work.log_determinant = Column{};
-    for (Eigen::Index k = 0; k < d; ++k) {
-      load(points, k, first, here, work.x[static_cast<std::size_t>(k)]);
+    for (Index k = 0; k < d; ++k) {
+      load(points, k, first, here, work.x[k]);
       collapse(coefficients, k, work);
       constant_part(coefficients, k, work);
       integrate(k, work);
@@ -224,26 +211,25 @@ void MapKernel::evaluate(const double* coefficients, const Eigen::Ref<const Eige
 
 /// Newton's method in [−r, r], r where the tails begin, for those points whose solution is there; the others
 /// get NaN. `work.constant` holds Φ_c a_c − z.
-void MapKernel::solve_inside(Eigen::Index k, Workspace& work) const {
+void MapKernel::solve_inside(Index k, Workspace& work) const {
   constexpr int k_iterations = 60;
-  const auto sk = static_cast<std::size_t>(k);
-  const int n = structure_.components[sk].degree;
+  const int n = structure_.components[k].degree;
   const Rectifier rectifier = structure_.basis.parametrisation().rectifier;
   const OneVariableBasis::Piece inner = structure_.basis.pieces(n).front();
   const double radius = inner.end;
   const UnitRule& rule = unit_rule(inner.nodes);
   for (int l = 0; l < k_block_lanes; ++l) {
     LaneValues b, functions;
-    for (int j = 0; j <= n; ++j) b[static_cast<std::size_t>(j)] = work.b[static_cast<std::size_t>(j)].lane[l];
+    for (int j = 0; j <= n; ++j) b[j] = work.b[j].lane[l];
     const auto rectified = [&](Lanes t) {
       lane_polynomials(t, n, functions.data());
       Lanes h = b[0];
-      for (std::size_t j = 1; j <= static_cast<std::size_t>(n); ++j) h += b[j] * functions[j];
+      for (Index j = 1; j <= n; ++j) h += b[j] * functions[j];
       return lane_rectify(rectifier, h);
     };
     const auto residual = [&](Lanes t) {
       Lanes sum{};
-      for (std::size_t q = 0; q < rule.node.size(); ++q) sum += rule.weight[q] * rectified(t * rule.node[q]);
+      for (Index q = 0; q < std::ssize(rule.node); ++q) sum += rule.weight[q] * rectified(t * rule.node[q]);
       return work.constant.lane[l] + t * sum;
     };
     Lanes low = lanes(-radius), high = lanes(radius);
@@ -268,33 +254,32 @@ void MapKernel::solve_inside(Eigen::Index k, Workspace& work) const {
     }
     const Lanes r = residual(t);
     const auto solved = inside & (absolute(r) <= 1e-12 * (1 + absolute(work.constant.lane[l])));
-    work.x[sk].lane[l] = solved ? t : lanes(std::numeric_limits<double>::quiet_NaN());
+    work.x[k].lane[l] = solved ? t : lanes(std::numeric_limits<double>::quiet_NaN());
   }
 }
 
 void MapKernel::invert(const double* coefficients, const Eigen::Ref<const Eigen::MatrixXd>& z,
                        Eigen::MatrixXd& x) const {
-  const Eigen::Index n = z.rows(), d = structure_.dimension();
+  const Index n = z.rows(), d = structure_.dimension();
   Workspace work(*this);
   PointEvaluation point(structure_, coefficients);
   Column target;
-  for (Eigen::Index first = 0; first < n; first += k_block_points) {
-    const int here = static_cast<int>(std::min<Eigen::Index>(k_block_points, n - first));
-    for (Eigen::Index k = 0; k < d; ++k) {
-      const auto sk = static_cast<std::size_t>(k);
+  for (Index first = 0; first < n; first += k_block_points) {
+    const int here = std::min<Index>(k_block_points, n - first);
+    for (Index k = 0; k < d; ++k) {
       load(z, k, first, here, target);
       collapse(coefficients, k, work);
       constant_part(coefficients, k, work);
       for (int l = 0; l < k_block_lanes; ++l) work.constant.lane[l] -= target.lane[l];
       solve_inside(k, work);
       double* solution = x.data() + k * n + first;
-      store(work.x[sk], solution, here);
+      store(work.x[k], solution, here);
       for (int i = 0; i < here; ++i)
         if (std::isnan(solution[i])) {
-          for (Eigen::Index v = 0; v < k; ++v) point.set(v, x(first + i, v));
+          for (Index v = 0; v < k; ++v) point.set(v, x(first + i, v));
           solution[i] = point.solve(k, z(first + i, k));
         }
-      load(x, k, first, here, work.x[sk]);
+      load(x, k, first, here, work.x[k]);
       if (k + 1 < d) fill_functions(k, true, work);
     }
   }

@@ -11,6 +11,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/transport/map/lanes.hpp"
 #include "knothe/transport/map/map_structure.hpp"
 #include "knothe/transport/map/product_tree.hpp"
@@ -37,13 +38,13 @@ class MapKernel {
     int index;    ///< of a coefficient in Φ_e
     int product;  ///< over x_1 … x_{k−1}
   };
-  void fill_functions(Eigen::Index v, bool products, Workspace& work) const;
-  void collapse(const double* coefficients, Eigen::Index k, Workspace& work) const;
-  void constant_part(const double* coefficients, Eigen::Index k, Workspace& work) const;
-  void integrate(Eigen::Index k, Workspace& work) const;
-  void integrate_tail(Eigen::Index k, int lane, int at, Workspace& work) const;
-  void finish_component(Eigen::Index k, Workspace& work) const;
-  void solve_inside(Eigen::Index k, Workspace& work) const;
+  void fill_functions(Index v, bool products, Workspace& work) const;
+  void collapse(const double* coefficients, Index k, Workspace& work) const;
+  void constant_part(const double* coefficients, Index k, Workspace& work) const;
+  void integrate(Index k, Workspace& work) const;
+  void integrate_tail(Index k, int lane, int at, Workspace& work) const;
+  void finish_component(Index k, Workspace& work) const;
+  void solve_inside(Index k, Workspace& work) const;
 
   MapStructure structure_;
   ProductTree constant_, monotone_;

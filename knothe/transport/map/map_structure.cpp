@@ -6,6 +6,7 @@
 #include <set>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 
 namespace knothe::transport {
 
@@ -47,22 +48,22 @@ MapStructure::MapStructure(MapSpecification specification) : basis(specification
     throw UsageError("triangular map: the radii of the tails must be positive (and below 1e6)");
   constant_degree.assign(specification.components.size(), 0);
   monotone_degree.assign(specification.components.size(), 0);
-  for (std::size_t k = 0; k < specification.components.size(); ++k) {
+  for (Index k = 0; k < std::ssize(specification.components); ++k) {
     auto& [constant, monotone] = specification.components[k];
-    check_set(constant, "Φ_c", k, static_cast<int>(k));
-    check_set(monotone, "Φ_e", k, static_cast<int>(k) + 1);
+    check_set(constant, "Φ_c", k, k);
+    check_set(monotone, "Φ_e", k, k + 1);
     MapComponent component{std::move(constant), std::move(monotone), coefficient_count, 0};
     const auto raise = [](std::vector<int>& degrees, const std::vector<MultiIndex>& set) {
       for (const MultiIndex& index : set)
         for (const auto& f : index.factors) {
-          int& degree = degrees[static_cast<std::size_t>(f.variable)];
+          int& degree = degrees[f.variable];
           degree = std::max(degree, f.degree);
         }
     };
     raise(constant_degree, component.constant);
     raise(monotone_degree, component.monotone);
     for (const MultiIndex& index : component.monotone)
-      component.degree = std::max(component.degree, index.degree_of(static_cast<int>(k)));
+      component.degree = std::max(component.degree, index.degree_of(k));
     for (const MultiIndex& index : component.constant) order = std::max(order, index.total);
     for (const MultiIndex& index : component.monotone) order = std::max(order, index.total + 1);
     coefficient_count += component.constant_count() + component.monotone_count();

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/integrate/quadrature.hpp"
 
 namespace knothe::transport {
@@ -36,13 +37,12 @@ const UnitRule& unit_rule(int points) {
     return made;
   }();
   assert(points >= 1 && points <= k_max_piece_nodes);
-  return rules[static_cast<std::size_t>(points)];
+  return rules[points];
 }
 
 OneVariableBasis::OneVariableBasis(const Parametrisation& parametrisation)
     : parametrisation_(parametrisation), hermite_(parametrisation.radii) {
-  for (int n = 0; n <= k_max_order; ++n)
-    pieces_[static_cast<std::size_t>(n)] = make_pieces(parametrisation_, n);
+  for (int n = 0; n <= k_max_order; ++n) pieces_[n] = make_pieces(parametrisation_, n);
 }
 
 void OneVariableBasis::integration_rule(double x, int degree, IntegrationRule& rule) const {
@@ -53,7 +53,7 @@ void OneVariableBasis::integration_rule(double x, int degree, IntegrationRule& r
   for (const Piece& piece : pieces(degree)) {
     const double width = std::min(length, piece.end) - from;
     const UnitRule& unit = unit_rule(piece.nodes);
-    for (std::size_t q = 0; q < unit.node.size(); ++q) {
+    for (Index q = 0; q < std::ssize(unit.node); ++q) {
       rule.node.push_back(sign * (from + width * unit.node[q]));
       rule.weight.push_back(sign * width * unit.weight[q]);
     }

@@ -44,9 +44,7 @@ class OneVariableBasis {
   /// those for θ < 0 mirror them. Exact for the square. Otherwise the numbers of nodes are measured
   /// (docs/explanation/transport.md) for a relative error of 1e-13 with coefficients of usual size, where |x|
   /// ≤ 8; far out the error may be larger, the sum stays positive.
-  [[nodiscard]] std::span<const Piece> pieces(int degree) const {
-    return pieces_[static_cast<std::size_t>(degree)];
-  }
+  [[nodiscard]] std::span<const Piece> pieces(int degree) const { return pieces_[degree]; }
   /// The rule on [0, x] that those pieces make. Keeps the memory of `rule`.
   void integration_rule(double x, int degree, IntegrationRule& rule) const;
 

@@ -6,13 +6,14 @@
 
 #include "knothe/base/enum_names.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/base/text.hpp"
 
 namespace knothe::transport {
 
 namespace {
 
-void check(Eigen::Index d, int order) {
+void check(Index d, int order) {
   if (d < 1) throw UsageError(fmt::format("triangular map in {} dimensions: at least 1 is needed", d));
   if (order < 1 || order > k_max_order)
     throw UsageError(fmt::format("triangular map of order {}: 1 to {} are possible", order, k_max_order));
@@ -20,19 +21,19 @@ void check(Eigen::Index d, int order) {
 
 /// A map whose sets for component k (from 0) are `constant(k)` and `monotone(k)`.
 template <class Constant, class Monotone>
-MapSpecification make(Eigen::Index d, const Parametrisation& parametrisation, const Constant& constant,
+MapSpecification make(Index d, const Parametrisation& parametrisation, const Constant& constant,
                       const Monotone& monotone) {
   MapSpecification map{parametrisation, {}};
-  for (int k = 0; k < static_cast<int>(d); ++k) map.components.push_back({constant(k), monotone(k)});
+  for (int k = 0; k < d; ++k) map.components.push_back({constant(k), monotone(k)});
   return map;
 }
 
 }  // namespace
 
-Eigen::Index MapSpecification::coefficient_count() const {
+Index MapSpecification::coefficient_count() const {
   std::size_t count = 0;
   for (const ComponentIndices& c : components) count += c.constant.size() + c.monotone.size();
-  return static_cast<Eigen::Index>(count);
+  return count;
 }
 
 int MapSpecification::order() const {
@@ -44,7 +45,7 @@ int MapSpecification::order() const {
   return order;
 }
 
-MapSpecification total_order_map(Eigen::Index d, int order, Parametrisation parametrisation) {
+MapSpecification total_order_map(Index d, int order, Parametrisation parametrisation) {
   check(d, order);
   return make(
       d, parametrisation, [&](int k) { return total_order_indices(k, order); },
@@ -52,7 +53,7 @@ MapSpecification total_order_map(Eigen::Index d, int order, Parametrisation para
 }
 
 MapSpecification per_variable_map(std::span<const int> orders, Parametrisation parametrisation) {
-  const auto d = static_cast<Eigen::Index>(orders.size());
+  const auto d = std::ssize(orders);
   if (d == 0) check(0, 1);
   std::vector<int> lower;
   for (const int order : orders) {
@@ -60,25 +61,22 @@ MapSpecification per_variable_map(std::span<const int> orders, Parametrisation p
     lower.push_back(order - 1);
   }
   return make(
-      d, parametrisation,
-      [&](int k) { return anisotropic_indices(orders.first(static_cast<std::size_t>(k))); },
-      [&](int k) {
-        return anisotropic_indices(std::span<const int>(lower).first(static_cast<std::size_t>(k) + 1));
-      });
+      d, parametrisation, [&](int k) { return anisotropic_indices(orders.first(k)); },
+      [&](int k) { return anisotropic_indices(std::span<const int>(lower).first(k + 1)); });
 }
 
 MapSpecification sparse_map(MapSpecification full, const Parents& parents) {
   if (parents.size() != full.components.size())
     throw UsageError(fmt::format("sparse map in {} dimensions: parents are given for {} components",
                                  full.components.size(), parents.size()));
-  for (std::size_t k = 0; k < parents.size(); ++k) {
+  for (Index k = 0; k < std::ssize(parents); ++k) {
     for (const int parent : parents[k])
-      if (parent < 0 || parent >= static_cast<int>(k))
+      if (parent < 0 || parent >= k)
         throw UsageError(fmt::format(
             "sparse map: {} cannot be a parent of component {} (only variables before it can)", parent, k));
     std::vector<int> allowed = parents[k];
     full.components[k].constant = restricted_to(full.components[k].constant, allowed);
-    allowed.push_back(static_cast<int>(k));
+    allowed.push_back(k);
     full.components[k].monotone = restricted_to(full.components[k].monotone, allowed);
   }
   return full;

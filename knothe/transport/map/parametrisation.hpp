@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "knothe/base/enum_names.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/transport/map/multi_index.hpp"
 #include "knothe/transport/map/tailed_hermite.hpp"
 
@@ -48,16 +49,15 @@ struct ComponentIndices {
 struct MapSpecification {
   Parametrisation parametrisation;
   std::vector<ComponentIndices> components;
-  [[nodiscard]] Eigen::Index dimension() const { return static_cast<Eigen::Index>(components.size()); }
-  [[nodiscard]] Eigen::Index coefficient_count() const;
+  [[nodiscard]] Index dimension() const { return std::ssize(components); }
+  [[nodiscard]] Index coefficient_count() const;
   /// Highest degree in any index of Φ_c, and one more than that in Φ_e: what "order" means for total order.
   [[nodiscard]] int order() const;
 };
 
 /// Φ_c of total order p, Φ_e of total order p − 1. Order 1 with the square: an affine map. Errors (all of
 /// these): UsageError for d < 1 or orders outside 1 … k_max_order.
-[[nodiscard]] MapSpecification total_order_map(Eigen::Index d, int order,
-                                               Parametrisation parametrisation = {});
+[[nodiscard]] MapSpecification total_order_map(Index d, int order, Parametrisation parametrisation = {});
 /// One order for each variable (anisotropic_indices).
 [[nodiscard]] MapSpecification per_variable_map(std::span<const int> orders,
                                                 Parametrisation parametrisation = {});
@@ -68,7 +68,7 @@ using Parents = std::vector<std::vector<int>>;
 [[nodiscard]] MapSpecification sparse_map(MapSpecification full, const Parents& parents);
 
 /// One map per order: how an adaptive solve goes on from one order to the next.
-using MapFamily = std::function<MapSpecification(Eigen::Index dimension, int order)>;
+using MapFamily = std::function<MapSpecification(Index dimension, int order)>;
 
 /// The rectifier of that name. Errors: UsageError, with the choices.
 [[nodiscard]] Rectifier rectifier_from(const std::string& name);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "knothe/base/index.hpp"
 #include "knothe/sampling/log_density.hpp"
 #include "knothe/transport/map/rectifier.hpp"
 
@@ -15,14 +16,14 @@ using Values = PointEvaluation::Values;
 
 double dot(const Values& b, const Values& functions, int n) {
   double sum = 0;
-  for (std::size_t j = 0; j <= static_cast<std::size_t>(n); ++j) sum += b[j] * functions[j];
+  for (Index j = 0; j <= n; ++j) sum += b[j] * functions[j];
   return sum;
 }
 
 }  // namespace
 
 double PointEvaluation::Factors::at(const MultiIndex::Factor& f, int derivative) const {
-  const auto v = static_cast<std::size_t>(f.variable), j = static_cast<std::size_t>(f.degree);
+  const std::size_t v = f.variable, j = f.degree;
   return derivative == 0 ? value[v][j] : derivative == 1 ? first[v][j] : second[v][j];
 }
 
@@ -49,8 +50,8 @@ PointEvaluation::PointEvaluation(const MapStructure& structure, const double* co
   }
 }
 
-void PointEvaluation::set(Eigen::Index variable, double x) {
-  const auto v = static_cast<std::size_t>(variable);
+void PointEvaluation::set(Index variable, double x) {
+  const std::size_t v = variable;
   x_[v] = x;
   structure_.basis.constant(x, structure_.constant_degree[v], constant_.value[v], constant_.first[v],
                             constant_.second[v]);
@@ -58,78 +59,73 @@ void PointEvaluation::set(Eigen::Index variable, double x) {
                             monotone_.second[v]);
 }
 
-double PointEvaluation::constant_part(Eigen::Index k, int a, int b) const {
-  const MapComponent& c = structure_.components[static_cast<std::size_t>(k)];
+double PointEvaluation::constant_part(Index k, int a, int b) const {
+  const MapComponent& c = structure_.components[k];
   const double* a_c = coefficients_ + c.offset;
   double sum = 0;
-  for (std::size_t m = 0; m < c.constant.size(); ++m)
-    sum += a_c[m] * constant_.product(c.constant[m], static_cast<int>(k), a, b);
+  for (Index m = 0; m < std::ssize(c.constant); ++m)
+    sum += a_c[m] * constant_.product(c.constant[m], k, a, b);
   return sum;
 }
 
-void PointEvaluation::collapse(Eigen::Index k, Values& out, int a, int b) const {
-  const MapComponent& c = structure_.components[static_cast<std::size_t>(k)];
+void PointEvaluation::collapse(Index k, Values& out, int a, int b) const {
+  const MapComponent& c = structure_.components[k];
   const double* a_e = coefficients_ + c.offset + c.constant_count();
-  const int variable = static_cast<int>(k);
+  const int variable = k;
   std::fill(out.begin(), out.begin() + c.degree + 1, 0.0);
-  for (std::size_t m = 0; m < c.monotone.size(); ++m)
-    out[static_cast<std::size_t>(c.monotone[m].degree_of(variable))] +=
-        a_e[m] * monotone_.product(c.monotone[m], variable, a, b);
+  for (Index m = 0; m < std::ssize(c.monotone); ++m)
+    out[c.monotone[m].degree_of(variable)] += a_e[m] * monotone_.product(c.monotone[m], variable, a, b);
 }
 
 /// ∂_a M = ∂_a C + ∫ r' ∂_a h,  ∂_ab M = ∂_ab C + ∫ (r'' ∂_a h ∂_b h + r' ∂_ab h),  ∂_k M = r(h(x_k)),
 /// ∂_ka M = r' ∂_a h,  ∂_kk M = r' h'.
-void PointEvaluation::derivatives(Eigen::Index k, bool with_second, Derivatives& out) {
+void PointEvaluation::derivatives(Index k, bool with_second, Derivatives& out) {
   using sampling::packed_index;
-  const int kk = static_cast<int>(k), n = structure_.components[static_cast<std::size_t>(k)].degree;
-  const auto sk = static_cast<std::size_t>(k);
+  const int kk = k, n = structure_.components[k].degree;
   const Rectifier rectifier = structure_.basis.parametrisation().rectifier;
   Values b{}, functions{};
-  std::vector<Values> b_a(sk), b_ab(with_second ? sk * (sk + 1) / 2 : 0);
-  std::vector<double> h_a(sk);
-  out.first.assign(sk + 1, 0);
-  out.second.assign(with_second ? (sk + 1) * (sk + 2) / 2 : 0, 0);
-  const auto entry = [&](int a, int c) -> double& {
-    return out.second[static_cast<std::size_t>(packed_index(a, c))];
-  };
+  std::vector<Values> b_a(k), b_ab(with_second ? k * (k + 1) / 2 : 0);
+  std::vector<double> h_a(k);
+  out.first.assign(k + 1, 0);
+  out.second.assign(with_second ? (k + 1) * (k + 2) / 2 : 0, 0);
+  const auto entry = [&](int a, int c) -> double& { return out.second[packed_index(a, c)]; };
 
   collapse(k, b);
   out.value = constant_part(k);
   for (int a = 0; a < kk; ++a) {
-    collapse(k, b_a[static_cast<std::size_t>(a)], a);
-    out.first[static_cast<std::size_t>(a)] = constant_part(k, a);
+    collapse(k, b_a[a], a);
+    out.first[a] = constant_part(k, a);
     for (int c = 0; with_second && c <= a; ++c) {
-      collapse(k, b_ab[static_cast<std::size_t>(packed_index(a, c))], a, c);
+      collapse(k, b_ab[packed_index(a, c)], a, c);
       entry(a, c) = constant_part(k, a, c);
     }
   }
-  structure_.basis.integration_rule(x_[sk], n, rule_);
-  for (std::size_t q = 0; q < rule_.node.size(); ++q) {
+  structure_.basis.integration_rule(x_[k], n, rule_);
+  for (Index q = 0; q < std::ssize(rule_.node); ++q) {
     structure_.basis.monotone(rule_.node[q], n, functions);
     const Rectified r = rectify(rectifier, dot(b, functions, n));
     const double w = rule_.weight[q];
     out.value += w * r.value;
     for (int a = 0; a < kk; ++a) {
-      const auto sa = static_cast<std::size_t>(a);
-      h_a[sa] = dot(b_a[sa], functions, n);
-      out.first[sa] += w * r.first * h_a[sa];
+      h_a[a] = dot(b_a[a], functions, n);
+      out.first[a] += w * r.first * h_a[a];
       for (int c = 0; with_second && c <= a; ++c)
-        entry(a, c) += w * (r.second * h_a[sa] * h_a[static_cast<std::size_t>(c)] +
-                            r.first * dot(b_ab[static_cast<std::size_t>(packed_index(a, c))], functions, n));
+        entry(a, c) +=
+            w * (r.second * h_a[a] * h_a[c] + r.first * dot(b_ab[packed_index(a, c)], functions, n));
     }
   }
-  const Values& here = monotone_.value[sk];
+  const Values& here = monotone_.value[k];
   const double h = dot(b, here, n);
   const Rectified r = rectify(rectifier, h);
   out.log_slope = log_rectified(rectifier, h);
-  out.first[sk] = r.value;
+  out.first[k] = r.value;
   if (!with_second) return;
-  for (int a = 0; a < kk; ++a) entry(kk, a) = r.first * dot(b_a[static_cast<std::size_t>(a)], here, n);
-  entry(kk, kk) = r.first * dot(b, monotone_.first[sk], n);
+  for (int a = 0; a < kk; ++a) entry(kk, a) = r.first * dot(b_a[a], here, n);
+  entry(kk, kk) = r.first * dot(b, monotone_.first[k], n);
 }
 
-double PointEvaluation::solve(Eigen::Index k, double target) {
-  const int n = structure_.components[static_cast<std::size_t>(k)].degree;
+double PointEvaluation::solve(Index k, double target) {
+  const int n = structure_.components[k].degree;
   const Rectifier rectifier = structure_.basis.parametrisation().rectifier;
   Values b{}, functions{};
   collapse(k, b);
@@ -141,7 +137,7 @@ double PointEvaluation::solve(Eigen::Index k, double target) {
   const auto residual = [&](double t) {
     structure_.basis.integration_rule(t, n, rule_);
     double sum = constant - target;
-    for (std::size_t q = 0; q < rule_.node.size(); ++q) sum += rule_.weight[q] * rectified(rule_.node[q]);
+    for (Index q = 0; q < std::ssize(rule_.node); ++q) sum += rule_.weight[q] * rectified(rule_.node[q]);
     return sum;
   };
   const double accuracy = 1e-15 * (1 + std::abs(target) + std::abs(constant));

@@ -7,6 +7,7 @@
 #include <map>
 #include <utility>
 
+#include "knothe/base/index.hpp"
 #include "knothe/sampling/log_density.hpp"
 
 namespace knothe::transport {
@@ -22,14 +23,14 @@ MultiIndex prefix_of(const MultiIndex& index, int below) {
 }
 
 /// The products of one-variable functions, n × (degree + 1) per variable, that a set of indices asks for.
-Eigen::MatrixXd products(Eigen::Index n, const std::vector<MultiIndex>& indices,
+Eigen::MatrixXd products(Index n, const std::vector<MultiIndex>& indices,
                          const std::vector<Eigen::MatrixXd>& factors) {
-  Eigen::MatrixXd product(n, static_cast<Eigen::Index>(indices.size()));
-  for (std::size_t m = 0; m < indices.size(); ++m) {
-    auto column = product.col(static_cast<Eigen::Index>(m));
+  Eigen::MatrixXd product(n, std::ssize(indices));
+  for (Index m = 0; m < std::ssize(indices); ++m) {
+    auto column = product.col(m);
     bool first = true;
     for (const auto& f : indices[m].factors) {
-      const auto factor = factors[static_cast<std::size_t>(f.variable)].col(f.degree);
+      const auto factor = factors[f.variable].col(f.degree);
       if (first)
         column = factor;
       else
@@ -47,8 +48,8 @@ Eigen::MatrixXd products(Eigen::Index n, const std::vector<MultiIndex>& indices,
 template <class Row, class Copy>
 void for_each_coordinate(const Eigen::Ref<const Eigen::VectorXd>& x, Row row, Copy copy) {
   const std::size_t size = std::bit_ceil(2 * static_cast<std::size_t>(x.size()) + 2);
-  std::vector<Eigen::Index> made(size, -1);
-  for (Eigen::Index i = 0; i < x.size(); ++i) {
+  std::vector<Index> made(size, -1);
+  for (Index i = 0; i < x.size(); ++i) {
     const std::uint64_t mixed =
         std::bit_cast<std::uint64_t>(x[i]) * 0x9E3779B97F4A7C15U;  // Fibonacci hashing
     std::size_t at = (mixed >> 32) & (size - 1);
@@ -65,28 +66,27 @@ void for_each_coordinate(const Eigen::Ref<const Eigen::VectorXd>& x, Row row, Co
 }  // namespace
 
 MapLayout::MapLayout(const TriangularMap& map) {
-  for (Eigen::Index k = 0; k < map.dimension(); ++k) {
+  for (Index k = 0; k < map.dimension(); ++k) {
     const MapComponent& c = map.component(k);
-    const int variable = static_cast<int>(k);
+    const int variable = k;
     Component mine{c.offset, c.constant_count(), c.monotone_count(), {}, c.constant, {MultiIndex{}}};
-    for (Eigen::Index m = 0; m < c.constant_count(); ++m) to_map_.push_back(c.offset + m);
-    std::map<std::vector<MultiIndex::Factor>, Eigen::Index> column{{{}, 0}};
-    std::vector<std::vector<Eigen::Index>> member;  // by degree: positions in c.monotone
-    for (std::size_t m = 0; m < c.monotone.size(); ++m) {
-      const auto degree = static_cast<std::size_t>(c.monotone[m].degree_of(variable));
+    for (Index m = 0; m < c.constant_count(); ++m) to_map_.push_back(c.offset + m);
+    std::map<std::vector<MultiIndex::Factor>, Index> column{{{}, 0}};
+    std::vector<std::vector<Index>> member;  // by degree: positions in c.monotone
+    for (Index m = 0; m < std::ssize(c.monotone); ++m) {
+      const std::size_t degree = c.monotone[m].degree_of(variable);
       MultiIndex prefix = prefix_of(c.monotone[m], variable);
-      const auto [at, is_new] =
-          column.try_emplace(prefix.factors, static_cast<Eigen::Index>(mine.prefix.size()));
+      const auto [at, is_new] = column.try_emplace(prefix.factors, std::ssize(mine.prefix));
       if (is_new) mine.prefix.push_back(std::move(prefix));
       if (mine.groups.size() <= degree) mine.groups.resize(degree + 1), member.resize(degree + 1);
       mine.groups[degree].column.push_back(at->second);
-      member[degree].push_back(static_cast<Eigen::Index>(m));
+      member[degree].push_back(m);
     }
-    Eigen::Index begin = 0;
-    for (std::size_t j = 0; j < mine.groups.size(); ++j) {
+    Index begin = 0;
+    for (Index j = 0; j < std::ssize(mine.groups); ++j) {
       mine.groups[j].begin = begin;
       begin += mine.groups[j].size();
-      for (const Eigen::Index m : member[j]) to_map_.push_back(c.offset + c.constant_count() + m);
+      for (const Index m : member[j]) to_map_.push_back(c.offset + c.constant_count() + m);
     }
     components_.push_back(std::move(mine));
   }
@@ -94,49 +94,47 @@ MapLayout::MapLayout(const TriangularMap& map) {
 
 void MapLayout::gather(const Eigen::VectorXd& map_coefficients, Eigen::VectorXd& table_order) const {
   table_order.resize(size());
-  for (Eigen::Index i = 0; i < size(); ++i)
-    table_order[i] = map_coefficients[to_map_[static_cast<std::size_t>(i)]];
+  for (Index i = 0; i < size(); ++i) table_order[i] = map_coefficients[to_map_[i]];
 }
 
 void MapLayout::scatter(const Eigen::VectorXd& table_order, Eigen::VectorXd& map_coefficients) const {
   map_coefficients.resize(size());
-  for (Eigen::Index i = 0; i < size(); ++i)
-    map_coefficients[to_map_[static_cast<std::size_t>(i)]] = table_order[i];
+  for (Index i = 0; i < size(); ++i) map_coefficients[to_map_[i]] = table_order[i];
 }
 
 PointTables::PointTables(Eigen::MatrixXd points, const TriangularMap& map, const MapLayout& layout)
     : points_(std::move(points)), rectifier_(map.parametrisation().rectifier) {
-  const Eigen::Index n = points_.rows(), d = points_.cols();
+  const Index n = points_.rows(), d = points_.cols();
   const OneVariableBasis& basis = map.basis();
-  std::vector<int> constant_degree(static_cast<std::size_t>(d), 0), monotone_degree(constant_degree);
+  std::vector<int> constant_degree(d, 0), monotone_degree(constant_degree);
   for (const auto& c : layout.components()) {
     for (const MultiIndex& index : c.constant)
       for (const auto& f : index.factors) {
-        auto& degree = constant_degree[static_cast<std::size_t>(f.variable)];
+        auto& degree = constant_degree[f.variable];
         degree = std::max(degree, f.degree);
       }
     for (const MultiIndex& index : c.prefix)
       for (const auto& f : index.factors) {
-        auto& degree = monotone_degree[static_cast<std::size_t>(f.variable)];
+        auto& degree = monotone_degree[f.variable];
         degree = std::max(degree, f.degree);
       }
   }
   OneVariableBasis::Values values{}, first{}, second{};
   std::vector<Eigen::MatrixXd> constant, monotone;
-  for (Eigen::Index k = 0; k < d; ++k) {
-    const Eigen::Index degrees = layout.component(k).degrees();
-    const int nc = constant_degree[static_cast<std::size_t>(k)];
-    const int ne = std::max(monotone_degree[static_cast<std::size_t>(k)], static_cast<int>(degrees) - 1);
+  for (Index k = 0; k < d; ++k) {
+    const Index degrees = layout.component(k).degrees();
+    const int nc = constant_degree[k];
+    const int ne = std::max(monotone_degree[k], static_cast<int>(degrees) - 1);
     Eigen::MatrixXd c(n, nc + 1), e(n, ne + 1);
     for_each_coordinate(
         points_.col(k),
-        [&](Eigen::Index i, double x) {
+        [&](Index i, double x) {
           basis.constant(x, nc, values, first, second);
-          for (Eigen::Index j = 0; j <= nc; ++j) c(i, j) = values[static_cast<std::size_t>(j)];
+          for (Index j = 0; j <= nc; ++j) c(i, j) = values[j];
           basis.monotone(x, ne, values, first, second);
-          for (Eigen::Index j = 0; j <= ne; ++j) e(i, j) = values[static_cast<std::size_t>(j)];
+          for (Index j = 0; j <= ne; ++j) e(i, j) = values[j];
         },
-        [&](Eigen::Index i, Eigen::Index from) { c.row(i) = c.row(from), e.row(i) = e.row(from); });
+        [&](Index i, Index from) { c.row(i) = c.row(from), e.row(i) = e.row(from); });
     psi_.push_back(e.leftCols(degrees));
     constant.push_back(std::move(c));
     monotone.push_back(std::move(e));
@@ -151,53 +149,51 @@ PointTables::PointTables(Eigen::MatrixXd points, const TriangularMap& map, const
   }
 }
 
-void PointTables::tabulate_integrals(const OneVariableBasis& basis, Eigen::Index k, Eigen::Index degrees) {
-  const Eigen::Index n = points_.rows(), packed = degrees * (degrees + 1) / 2;
-  Eigen::MatrixXd& table = integrals_[static_cast<std::size_t>(k)];
+void PointTables::tabulate_integrals(const OneVariableBasis& basis, Index k, Index degrees) {
+  const Index n = points_.rows(), packed = degrees * (degrees + 1) / 2;
+  Eigen::MatrixXd& table = integrals_[k];
   table.resize(n, packed);
-  const int degree = static_cast<int>(degrees) - 1;
-  std::vector<double> sums(static_cast<std::size_t>(packed));
+  const int degree = degrees - 1;
+  std::vector<double> sums(packed);
   for_each_coordinate(
       points_.col(k),
-      [&](Eigen::Index i, double x) {
+      [&](Index i, double x) {
         basis.product_integrals(x, degree, sums);
-        for (Eigen::Index j = 0; j < packed; ++j) table(i, j) = sums[static_cast<std::size_t>(j)];
+        for (Index j = 0; j < packed; ++j) table(i, j) = sums[j];
       },
-      [&](Eigen::Index i, Eigen::Index from) { table.row(i) = table.row(from); });
+      [&](Index i, Index from) { table.row(i) = table.row(from); });
 }
 
-void PointTables::tabulate_pieces(const OneVariableBasis& basis, Eigen::Index k, Eigen::Index degrees) {
-  const int degree = static_cast<int>(degrees) - 1;
+void PointTables::tabulate_pieces(const OneVariableBasis& basis, Index k, Index degrees) {
+  const int degree = degrees - 1;
   OneVariableBasis::Values values{};
   double from = 0;
   for (const OneVariableBasis::Piece& stretch : basis.pieces(degree)) {
     Piece piece;
-    for (Eigen::Index i = 0; i < points_.rows(); ++i)
+    for (Index i = 0; i < points_.rows(); ++i)
       if (std::abs(points_(i, k)) > from || from == 0) piece.rows.push_back(i);
     if (piece.rows.empty()) return;
     const UnitRule& unit = unit_rule(stretch.nodes);
-    const auto rows = static_cast<Eigen::Index>(piece.rows.size());
+    const auto rows = std::ssize(piece.rows);
     piece.nodes = stretch.nodes;
     piece.weight.resize(rows, piece.nodes);
     piece.psi.resize(rows, piece.nodes * degrees);
     Eigen::VectorXd x(rows);
-    for (Eigen::Index r = 0; r < rows; ++r) x[r] = points_(piece.rows[static_cast<std::size_t>(r)], k);
+    for (Index r = 0; r < rows; ++r) x[r] = points_(piece.rows[r], k);
     for_each_coordinate(
         x,
-        [&](Eigen::Index r, double at) {
+        [&](Index r, double at) {
           const double sign = at < 0 ? -1 : 1, width = std::min(std::abs(at), stretch.end) - from;
-          for (Eigen::Index q = 0; q < piece.nodes; ++q) {
-            const auto sq = static_cast<std::size_t>(q);
-            basis.monotone(sign * (from + width * unit.node[sq]), degree, values);
-            piece.weight(r, q) = sign * width * unit.weight[sq];
-            for (Eigen::Index j = 0; j < degrees; ++j)
-              piece.psi(r, q * degrees + j) = values[static_cast<std::size_t>(j)];
+          for (Index q = 0; q < piece.nodes; ++q) {
+            basis.monotone(sign * (from + width * unit.node[q]), degree, values);
+            piece.weight(r, q) = sign * width * unit.weight[q];
+            for (Index j = 0; j < degrees; ++j) piece.psi(r, q * degrees + j) = values[j];
           }
         },
-        [&](Eigen::Index r, Eigen::Index other) {
+        [&](Index r, Index other) {
           piece.weight.row(r) = piece.weight.row(other), piece.psi.row(r) = piece.psi.row(other);
         });
-    pieces_[static_cast<std::size_t>(k)].push_back(std::move(piece));
+    pieces_[k].push_back(std::move(piece));
     from = stretch.end;
   }
 }

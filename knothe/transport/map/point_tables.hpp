@@ -12,6 +12,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/transport/map/triangular_map.hpp"
 
 namespace knothe::transport {
@@ -21,36 +22,34 @@ class MapLayout {
  public:
   /// The coefficients of one degree in x_k: where they begin in a_e, and the column of prefix of each.
   struct Group {
-    Eigen::Index begin = 0;
-    std::vector<Eigen::Index> column;
-    [[nodiscard]] Eigen::Index size() const { return static_cast<Eigen::Index>(column.size()); }
+    Index begin = 0;
+    std::vector<Index> column;
+    [[nodiscard]] Index size() const { return std::ssize(column); }
   };
   struct Component {
-    Eigen::Index offset = 0;           ///< of a_c
-    Eigen::Index constant_count = 0;   ///< n_c
-    Eigen::Index monotone_count = 0;   ///< n_e
+    Index offset = 0;                  ///< of a_c
+    Index constant_count = 0;          ///< n_c
+    Index monotone_count = 0;          ///< n_e
     std::vector<Group> groups;         ///< by degree in x_k, from 0
     std::vector<MultiIndex> constant;  ///< the products of constant_prefix
     std::vector<MultiIndex> prefix;    ///< those of prefix; the first is 1
-    [[nodiscard]] Eigen::Index monotone_begin() const { return offset + constant_count; }
-    [[nodiscard]] Eigen::Index count() const { return constant_count + monotone_count; }
-    [[nodiscard]] Eigen::Index degrees() const { return static_cast<Eigen::Index>(groups.size()); }
+    [[nodiscard]] Index monotone_begin() const { return offset + constant_count; }
+    [[nodiscard]] Index count() const { return constant_count + monotone_count; }
+    [[nodiscard]] Index degrees() const { return std::ssize(groups); }
   };
 
   MapLayout() = default;
   explicit MapLayout(const TriangularMap& map);
   [[nodiscard]] const std::vector<Component>& components() const { return components_; }
-  [[nodiscard]] const Component& component(Eigen::Index k) const {
-    return components_[static_cast<std::size_t>(k)];
-  }
-  [[nodiscard]] Eigen::Index size() const { return static_cast<Eigen::Index>(to_map_.size()); }
+  [[nodiscard]] const Component& component(Index k) const { return components_[k]; }
+  [[nodiscard]] Index size() const { return std::ssize(to_map_); }
   /// From the order of TriangularMap::coefficients() to that of the tables, and back.
   void gather(const Eigen::VectorXd& map_coefficients, Eigen::VectorXd& table_order) const;
   void scatter(const Eigen::VectorXd& table_order, Eigen::VectorXd& map_coefficients) const;
 
  private:
   std::vector<Component> components_;
-  std::vector<Eigen::Index> to_map_;  ///< index in the map of each entry in table order
+  std::vector<Index> to_map_;  ///< index in the map of each entry in table order
 };
 
 /// The tables at fixed points for maps of one layout.
@@ -58,8 +57,8 @@ class PointTables {
  public:
   /// A stretch of θ with its part of the Gauss–Legendre rule, for the points that reach it.
   struct Piece {
-    std::vector<Eigen::Index> rows;  ///< those points, increasing
-    Eigen::Index nodes = 0;
+    std::vector<Index> rows;  ///< those points, increasing
+    Index nodes = 0;
     Eigen::MatrixXd weight;  ///< rows × nodes
     Eigen::MatrixXd psi;     ///< rows × (nodes · m), ψ_j at node q in column q m + j
   };
@@ -70,27 +69,19 @@ class PointTables {
   [[nodiscard]] const Eigen::MatrixXd& points() const { return points_; }  ///< n × d
   [[nodiscard]] Rectifier rectifier() const { return rectifier_; }
   /// ψ_0 … ψ_{m−1} of Φ_e in variable k, n × m.
-  [[nodiscard]] const Eigen::MatrixXd& psi(Eigen::Index k) const { return psi_[static_cast<std::size_t>(k)]; }
+  [[nodiscard]] const Eigen::MatrixXd& psi(Index k) const { return psi_[k]; }
   /// I_jl of variable k, n × m(m + 1)/2 by sampling::packed_index; square only.
-  [[nodiscard]] const Eigen::MatrixXd& integrals(Eigen::Index k) const {
-    return integrals_[static_cast<std::size_t>(k)];
-  }
+  [[nodiscard]] const Eigen::MatrixXd& integrals(Index k) const { return integrals_[k]; }
   /// The rule on [0, x_k]; any other rectifier.
-  [[nodiscard]] const std::vector<Piece>& pieces(Eigen::Index k) const {
-    return pieces_[static_cast<std::size_t>(k)];
-  }
+  [[nodiscard]] const std::vector<Piece>& pieces(Index k) const { return pieces_[k]; }
   /// The products that span Φ_c of component k, n × n_c.
-  [[nodiscard]] const Eigen::MatrixXd& constant_prefix(Eigen::Index k) const {
-    return constant_prefix_[static_cast<std::size_t>(k)];
-  }
+  [[nodiscard]] const Eigen::MatrixXd& constant_prefix(Index k) const { return constant_prefix_[k]; }
   /// The products of the functions of Φ_e in the variables before k, n × their number.
-  [[nodiscard]] const Eigen::MatrixXd& prefix(Eigen::Index k) const {
-    return prefix_[static_cast<std::size_t>(k)];
-  }
+  [[nodiscard]] const Eigen::MatrixXd& prefix(Index k) const { return prefix_[k]; }
 
  private:
-  void tabulate_integrals(const OneVariableBasis& basis, Eigen::Index k, Eigen::Index degrees);
-  void tabulate_pieces(const OneVariableBasis& basis, Eigen::Index k, Eigen::Index degrees);
+  void tabulate_integrals(const OneVariableBasis& basis, Index k, Index degrees);
+  void tabulate_pieces(const OneVariableBasis& basis, Index k, Index degrees);
 
   Eigen::MatrixXd points_;
   Rectifier rectifier_ = Rectifier::square;
@@ -108,16 +99,16 @@ class ComponentValues {
   Eigen::VectorXd log_slope, log_slope_first, log_slope_second;  ///< log r(h) and its derivatives in h
 
   /// b and h alone.
-  void evaluate_slope(const PointTables& tables, const MapLayout& layout, Eigen::Index k,
+  void evaluate_slope(const PointTables& tables, const MapLayout& layout, Index k,
                       const Eigen::VectorXd& coefficients);
   /// All that derivatives of this order (0, 1, 2) of the objective need. False where the square has h ≤ 0 at
   /// a point: then the map is no longer in the feasible set of the objective.
-  bool evaluate(const PointTables& tables, const MapLayout& layout, Eigen::Index k,
+  bool evaluate(const PointTables& tables, const MapLayout& layout, Index k,
                 const Eigen::VectorXd& coefficients, int derivatives);
 
  private:
-  void square(const PointTables& tables, Eigen::Index k);
-  void integrate(const PointTables& tables, Eigen::Index k, int derivatives);
+  void square(const PointTables& tables, Index k);
+  void integrate(const PointTables& tables, Index k, int derivatives);
   void logarithm(Rectifier rectifier, int derivatives);
 
   Eigen::MatrixXd local_b_, local_g_, local_curvature_;

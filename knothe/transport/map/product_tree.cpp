@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <map>
 
+#include "knothe/base/index.hpp"
+
 namespace knothe::transport {
 
 ProductTree::ProductTree(const std::vector<const std::vector<MultiIndex>*>& sets) {
@@ -18,7 +20,7 @@ ProductTree::ProductTree(const std::vector<const std::vector<MultiIndex>*>& sets
     while (!factors.empty() && factors.back().variable >= static_cast<int>(k)) factors.pop_back();
     return factors;
   };
-  for (std::size_t k = 0; k < sets.size(); ++k)
+  for (Index k = 0; k < std::ssize(sets); ++k)
     for (const MultiIndex& index : *sets[k])
       for (Factors factors = prefix_of(index, k);; factors.pop_back()) {
         number[factors] = 0;
@@ -26,7 +28,7 @@ ProductTree::ProductTree(const std::vector<const std::vector<MultiIndex>*>& sets
       }
   begin.assign(sets.size() + 1, -1);
   for (auto& [factors, place] : number) {
-    place = static_cast<int>(products.size());
+    place = products.size();
     if (factors.empty()) {
       products.push_back({-1, -1, 0});
       continue;
@@ -36,11 +38,10 @@ ProductTree::ProductTree(const std::vector<const std::vector<MultiIndex>*>& sets
     products.push_back({number.at(rest), variable, degree});
   }
   for (std::size_t v = 0; v <= sets.size(); ++v)
-    begin[v] = static_cast<int>(
-        std::partition_point(products.begin(), products.end(),
-                             [&](const Product& p) { return p.variable < static_cast<int>(v); }) -
-        products.begin());
-  for (std::size_t k = 0; k < sets.size(); ++k) {
+    begin[v] = std::partition_point(products.begin(), products.end(),
+                                    [&](const Product& p) { return p.variable < static_cast<int>(v); }) -
+               products.begin();
+  for (Index k = 0; k < std::ssize(sets); ++k) {
     of_index.emplace_back();
     for (const MultiIndex& index : *sets[k]) of_index[k].push_back(number.at(prefix_of(index, k)));
   }

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/integrate/hermite.hpp"
 #include "knothe/numerics/integrate/quadrature.hpp"
 
@@ -29,14 +30,14 @@ void hermite(double x, int n, TailedHermite::Values& value, TailedHermite::Value
   };
   static const Roots roots = [] {
     Roots made;
-    for (std::size_t j = 1; j < made.of_degree.size(); ++j) {
-      const auto degree = static_cast<double>(j);
+    for (Index j = 1; j < std::ssize(made.of_degree); ++j) {
+      const double degree = j;
       made.of_degree[j] = std::sqrt(degree), made.of_two[j] = std::sqrt(degree * (degree - 1));
     }
     return made;
   }();
-  numerics::normalised_hermite(x, std::span<double>(value.data(), static_cast<std::size_t>(n) + 1));
-  for (std::size_t i = 0; i <= static_cast<std::size_t>(n); ++i) {
+  numerics::normalised_hermite(x, std::span<double>(value.data(), n + 1));
+  for (Index i = 0; i <= n; ++i) {
     first[i] = i >= 1 ? roots.of_degree[i] * value[i - 1] : 0;
     second[i] = i >= 2 ? roots.of_two[i] * value[i - 2] : 0;
   }
@@ -61,7 +62,7 @@ void TailedHermite::tangent(double x, int n, Values& value, Values& first, Value
   const double inside = std::clamp(x, -radii_.tangent, radii_.tangent), beyond = x - inside;
   hermite(inside, n, value, first, second);
   if (beyond == 0) return;
-  for (std::size_t i = 0; i <= static_cast<std::size_t>(n); ++i) {
+  for (Index i = 0; i <= n; ++i) {
     value[i] += beyond * first[i];
     second[i] = 0;
   }
@@ -70,7 +71,7 @@ void TailedHermite::tangent(double x, int n, Values& value, Values& first, Value
 void TailedHermite::level(double x, int n, Values& value, Values& first, Values& second) const {
   const BentCoordinate tau(x, radii_);
   hermite(tau.value, n, value, first, second);
-  for (std::size_t i = 0; i <= static_cast<std::size_t>(n); ++i) {
+  for (Index i = 0; i <= n; ++i) {
     second[i] = second[i] * tau.first * tau.first + first[i] * tau.second;
     first[i] *= tau.first;
   }
@@ -78,25 +79,24 @@ void TailedHermite::level(double x, int n, Values& value, Values& first, Values&
 
 void TailedHermite::level(double x, int n, Values& value) const {
   const BentCoordinate tau(x, radii_);
-  numerics::normalised_hermite(tau.value, std::span<double>(value.data(), static_cast<std::size_t>(n) + 1));
+  numerics::normalised_hermite(tau.value, std::span<double>(value.data(), n + 1));
 }
 
 SquareRule::SquareRule(double x, int n, const TailRadii& radii) {
   const double sign = x < 0 ? -1 : 1, length = std::abs(x);
   const auto add = [&](double from, double to, int points) {
-    const auto& rule = unit_rules()[static_cast<std::size_t>(points) - 1];
+    const auto& rule = unit_rules()[points - 1];
     for (int q = 0; q < points; ++q) {
-      argument[static_cast<std::size_t>(count)] =
-          BentCoordinate(sign * (from + (to - from) * rule.nodes[q]), radii).value;
-      weight[static_cast<std::size_t>(count++)] = sign * (to - from) * rule.weights[q];
+      argument[count] = BentCoordinate(sign * (from + (to - from) * rule.nodes[q]), radii).value;
+      weight[count++] = sign * (to - from) * rule.weights[q];
     }
   };
   const double end = radii.level + 2 * radii.bend;
   add(0, std::min(length, radii.level), n + 1);
   if (length > radii.level) add(radii.level, std::min(length, end), 2 * n + 1);
   if (length > end) {
-    argument[static_cast<std::size_t>(count)] = sign * (radii.level + radii.bend);
-    weight[static_cast<std::size_t>(count++)] = sign * (length - end);
+    argument[count] = sign * (radii.level + radii.bend);
+    weight[count++] = sign * (length - end);
   }
 }
 
@@ -104,12 +104,11 @@ void TailedHermite::product_integrals(double x, int n, std::span<double> packed)
   std::fill(packed.begin(), packed.end(), 0.0);
   const SquareRule rule(x, n, radii_);
   Values value{};
-  for (std::size_t q = 0; q < static_cast<std::size_t>(rule.count); ++q) {
-    numerics::normalised_hermite(rule.argument[q],
-                                 std::span<double>(value.data(), static_cast<std::size_t>(n) + 1));
+  for (Index q = 0; q < rule.count; ++q) {
+    numerics::normalised_hermite(rule.argument[q], std::span<double>(value.data(), n + 1));
     std::size_t at = 0;
-    for (std::size_t i = 0; i <= static_cast<std::size_t>(n); ++i)
-      for (std::size_t j = 0; j <= i; ++j) packed[at++] += rule.weight[q] * value[i] * value[j];
+    for (Index i = 0; i <= n; ++i)
+      for (Index j = 0; j <= i; ++j) packed[at++] += rule.weight[q] * value[i] * value[j];
   }
 }
 

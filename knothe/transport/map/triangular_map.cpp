@@ -8,6 +8,7 @@
 #include <map>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/sampling/log_density.hpp"
 #include "knothe/transport/map/point_evaluation.hpp"
 
@@ -15,7 +16,7 @@ namespace knothe::transport {
 
 namespace {
 
-Eigen::Index position_of(const MultiIndex& index, const std::vector<MultiIndex>& set) {
+Index position_of(const MultiIndex& index, const std::vector<MultiIndex>& set) {
   return std::find(set.begin(), set.end(), index) - set.begin();
 }
 
@@ -24,11 +25,11 @@ Eigen::Index position_of(const MultiIndex& index, const std::vector<MultiIndex>&
 void embed_set(const std::vector<MultiIndex>& from, const double* values, const std::vector<MultiIndex>& to,
                double* out) {
   std::map<std::vector<MultiIndex::Factor>, std::size_t> positions;
-  for (std::size_t m = 0; m < from.size(); ++m) {
+  for (Index m = 0; m < std::ssize(from); ++m) {
     std::size_t at = m;
-    if (m >= to.size() || !(to[m] == from[m])) {
+    if (m >= std::ssize(to) || !(to[m] == from[m])) {
       if (positions.empty())
-        for (std::size_t i = 0; i < to.size(); ++i) positions[to[i].factors] = i;
+        for (Index i = 0; i < std::ssize(to); ++i) positions[to[i].factors] = i;
       const auto found = positions.find(from[m].factors);
       if (found == positions.end())
         throw UsageError("embedding a map: it has an index that the larger map has not");
@@ -52,7 +53,7 @@ std::string name_of(const MultiIndex& index) {
 std::string largest_terms(const std::vector<MultiIndex>& set, const double* values) {
   constexpr std::size_t k_shown = 3;
   std::vector<std::size_t> order(set.size());
-  for (std::size_t m = 0; m < order.size(); ++m) order[m] = m;
+  for (Index m = 0; m < std::ssize(order); ++m) order[m] = m;
   std::stable_sort(order.begin(), order.end(),
                    [&](std::size_t a, std::size_t b) { return std::abs(values[a]) > std::abs(values[b]); });
   std::string text;
@@ -64,14 +65,14 @@ std::string largest_terms(const std::vector<MultiIndex>& set, const double* valu
 
 }  // namespace
 
-void MapBatch::resize(Eigen::Index n, Eigen::Index d, int derivatives) {
+void MapBatch::resize(Index n, Index d, int derivatives) {
   value.resize(n, d);
   log_determinant.resize(n);
   jacobian.resize(derivatives >= 1 ? n : 0, derivatives >= 1 ? d * d : 0);
   hessian.resize(derivatives >= 2 ? n : 0, derivatives >= 2 ? d * (d * (d + 1) / 2) : 0);
 }
 
-TriangularMap::TriangularMap(Eigen::Index dimension, int order, TailRadii radii)
+TriangularMap::TriangularMap(Index dimension, int order, TailRadii radii)
     : TriangularMap(total_order_map(dimension, order, {Rectifier::square, radii})) {}
 
 TriangularMap::TriangularMap(MapSpecification specification)
@@ -101,7 +102,7 @@ void TriangularMap::embed(const TriangularMap& lower) {
   if (lower.dimension() != dimension() || !(lower.parametrisation() == parametrisation()))
     throw UsageError("embedding a map: it must have the dimension and the parametrisation of the larger one");
   Eigen::VectorXd embedded = Eigen::VectorXd::Zero(coefficients_.size());
-  for (Eigen::Index k = 0; k < dimension(); ++k) {
+  for (Index k = 0; k < dimension(); ++k) {
     const auto &mine = component(k), &theirs = lower.component(k);
     const double* values = lower.coefficients_.data() + theirs.offset;
     double* out = embedded.data() + mine.offset;
@@ -113,7 +114,7 @@ void TriangularMap::embed(const TriangularMap& lower) {
 
 std::string TriangularMap::describe() const {
   std::string text;
-  for (Eigen::Index k = 0; k < dimension(); ++k) {
+  for (Index k = 0; k < dimension(); ++k) {
     const MapComponent& c = component(k);
     const double* a_c = coefficients_.data() + c.offset;
     int degree = 0;
@@ -130,7 +131,7 @@ std::string TriangularMap::describe() const {
 void TriangularMap::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                              MapBatch& out) const {
   using sampling::packed_index;
-  const Eigen::Index n = points.rows(), d = dimension(), packed = d * (d + 1) / 2;
+  const Index n = points.rows(), d = dimension(), packed = d * (d + 1) / 2;
   assert(points.cols() == d);
   out.resize(n, d, derivatives);
   if (derivatives == 0) {
@@ -141,17 +142,15 @@ void TriangularMap::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, in
   if (derivatives >= 2) out.hessian.setZero();
   PointEvaluation at(structure(), coefficients_.data());
   PointEvaluation::Derivatives result;
-  for (Eigen::Index i = 0; i < n; ++i) {
+  for (Index i = 0; i < n; ++i) {
     out.log_determinant[i] = 0;
-    for (Eigen::Index k = 0; k < d; ++k) {
+    for (Index k = 0; k < d; ++k) {
       at.set(k, points(i, k));
       at.derivatives(k, derivatives >= 2, result);
       out.value(i, k) = result.value;
       out.log_determinant[i] += result.log_slope;
-      for (Eigen::Index a = 0; derivatives >= 1 && a <= k; ++a)
-        out.jacobian(i, k * d + a) = result.first[static_cast<std::size_t>(a)];
-      for (std::size_t m = 0; m < result.second.size(); ++m)
-        out.hessian(i, k * packed + static_cast<Eigen::Index>(m)) = result.second[m];
+      for (Index a = 0; derivatives >= 1 && a <= k; ++a) out.jacobian(i, k * d + a) = result.first[a];
+      for (Index m = 0; m < std::ssize(result.second); ++m) out.hessian(i, k * packed + m) = result.second[m];
     }
   }
 }

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/transport/map/map_kernel.hpp"
 
 namespace knothe::transport {
@@ -21,7 +22,7 @@ struct MapBatch {
   Eigen::VectorXd log_determinant;  ///< n, log |det ∇M|; −∞ where the map is singular
 
   /// Makes room for n points of R^d; log_determinant always, derivatives as asked.
-  void resize(Eigen::Index n, Eigen::Index d, int derivatives);
+  void resize(Index n, Index d, int derivatives);
 };
 
 class TriangularMap {
@@ -29,7 +30,7 @@ class TriangularMap {
   TriangularMap() = default;
   /// The identity, as a map of total order `order` (1 … k_max_order) in `dimension` ≥ 1 variables. Errors:
   /// UsageError.
-  TriangularMap(Eigen::Index dimension, int order, TailRadii radii = {});
+  TriangularMap(Index dimension, int order, TailRadii radii = {});
   /// The identity, as a map of any parametrisation and index sets. Errors: UsageError for an index with a
   /// variable that the component may not have, a degree above k_max_order, a set without the empty index, an
   /// index twice.
@@ -38,12 +39,10 @@ class TriangularMap {
   [[nodiscard]] const Parametrisation& parametrisation() const { return structure().basis.parametrisation(); }
   [[nodiscard]] MapSpecification specification() const;
 
-  [[nodiscard]] Eigen::Index dimension() const { return kernel_ ? structure().dimension() : 0; }
+  [[nodiscard]] Index dimension() const { return kernel_ ? structure().dimension() : 0; }
   [[nodiscard]] int order() const { return kernel_ ? structure().order : 0; }
   [[nodiscard]] const OneVariableBasis& basis() const { return structure().basis; }
-  [[nodiscard]] const MapComponent& component(Eigen::Index k) const {
-    return structure().components[static_cast<std::size_t>(k)];
-  }
+  [[nodiscard]] const MapComponent& component(Index k) const { return structure().components[k]; }
 
   /// All a_c, a_e, component after component. Free to change: every choice gives a monotone map.
   [[nodiscard]] const Eigen::VectorXd& coefficients() const { return coefficients_; }

@@ -1,5 +1,6 @@
 #include <cmath>
 
+#include "knothe/base/index.hpp"
 #include "knothe/transport/solve/map_solver_workspace.hpp"
 
 namespace knothe::transport {
@@ -8,7 +9,7 @@ namespace {
 
 /// Normalised weights, effective sample size and evidence from log-weights.
 void normalise(const Eigen::VectorXd& log_weight, ImportanceCorrection& c) {
-  const double n = static_cast<double>(log_weight.size()), top = log_weight.maxCoeff();
+  const double n = log_weight.size(), top = log_weight.maxCoeff();
   c.weights = (log_weight.array() - top).exp();
   const double sum = c.weights.sum();
   c.ess = sum * sum / (n * c.weights.squaredNorm());
@@ -30,7 +31,7 @@ void MapSolver::correct(sampling::LogDensity& user_target, const MapResult& resu
   sampling::CheckedDensity target(user_target);
   normalise(result.verification.log_weight, c);
   const WeightedPoints* used = &result.verification;
-  Eigen::Index n = result.verification.points.rows();
+  Index n = result.verification.points.rows();
   // More points where weights are uneven, and where a high order was needed and did not suffice: such a
   // target is strongly bent, its outer quantiles want more points than the moments do, and a map too thin in
   // some tail shows only by rare, heavy weights. Hence half of the further points are spread wider than the
@@ -46,7 +47,7 @@ void MapSolver::correct(sampling::LogDensity& user_target, const MapResult& resu
     normalise(used->log_weight, c);
     // Weights against the reference alone, on its own half of the points: mixture weight × mixture density /
     // ρ.
-    const Eigen::Index half = n / 2;
+    const Index half = n / 2;
     const auto& x = used->reference;
     const auto& tables = work.shapes.verification_tables(shape, n, true);
     work.scratch = used->log_weight.head(half) + tables.log_reference.head(half) -

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/integrate/quadrature.hpp"
 #include "knothe/numerics/optimise/minimiser.hpp"
 #include "knothe/sampling/checked_density.hpp"
@@ -25,7 +26,7 @@ struct TrainingTables {
 
   /// `map`: any map of the wanted shape; its coefficients play no part.
   TrainingTables(numerics::PointRule training_rule, const TriangularMap& map);
-  [[nodiscard]] Eigen::Index size() const { return rule.points.rows(); }
+  [[nodiscard]] Index size() const { return rule.points.rows(); }
 };
 
 /// F(a) = Σ_i w_i [ log ρ(x_i) − log π̄(z_i) − log |det ∇T(x_i)| ],  z_i = shift + A M_a(x_i); Eq. 8 plus
@@ -51,7 +52,7 @@ class KullbackLeiblerObjective final : public numerics::Objective {
   void begin(const TrainingTables& tables, const AffineMap& pre_map, sampling::CheckedDensity& target,
              double highest_log_density);
 
-  [[nodiscard]] Eigen::Index dimension() const override { return tables_->layout.size(); }
+  [[nodiscard]] Index dimension() const override { return tables_->layout.size(); }
   bool evaluate(const Eigen::VectorXd& a, int derivatives, double& value, Eigen::VectorXd& gradient,
                 Eigen::MatrixXd& hessian) override;
   [[nodiscard]] bool has_hessian_vector() const override { return target_->available_derivatives() >= 2; }
@@ -67,9 +68,9 @@ class KullbackLeiblerObjective final : public numerics::Objective {
   void pull_back(int derivatives);
   void fill_gradient(Eigen::VectorXd& gradient);
   void fill_hessian(Eigen::MatrixXd& hessian);
-  void add_map_curvature(Eigen::Index k, Eigen::MatrixXd& hessian);
+  void add_map_curvature(Index k, Eigen::MatrixXd& hessian);
   /// ∂²V/∂b_j∂b_l of component k at the points.
-  [[nodiscard]] auto curvature_of_map(Eigen::Index k, Eigen::Index j, Eigen::Index l) const;
+  [[nodiscard]] auto curvature_of_map(Index k, Index j, Index l) const;
 
   const TrainingTables* tables_ = nullptr;
   sampling::CheckedDensity* target_ = nullptr;
@@ -96,7 +97,7 @@ class TemperedDensity final : public sampling::LogDensity {
   /// `inner` must outlive it.
   explicit TemperedDensity(sampling::LogDensity& inner, double beta = 1) : inner_(&inner), beta_(beta) {}
   void set_beta(double beta) { beta_ = beta; }
-  [[nodiscard]] Eigen::Index dimension() const override { return inner_->dimension(); }
+  [[nodiscard]] Index dimension() const override { return inner_->dimension(); }
   [[nodiscard]] int available_derivatives() const override { return inner_->available_derivatives(); }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                 sampling::LogDensityBatch& out) override;

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
 #include "knothe/transport/solve/map_solver_workspace.hpp"
 
@@ -15,7 +16,7 @@ namespace {
 
 /// Beyond so many variables a second order-2 map, for the orientation alone, costs more than it is likely to
 /// bring.
-constexpr Eigen::Index k_max_turned = 6;
+constexpr Index k_max_turned = 6;
 /// Principal axes are preferred unless the given ones gain so much more at order 2
 /// (docs/explanation/transport.md, "Orientation": at equal gain at order 2 the principal axes were never
 /// worse at the end, often ten times better).
@@ -26,12 +27,12 @@ constexpr double k_clearly_more = 1.2;
 AffineMap principal_axes(const AffineMap& pre_map) {
   const Eigen::MatrixXd matrix = pre_map.matrix();
   const numerics::SymmetricEigen eigen(matrix * matrix.transpose());
-  const Eigen::Index d = pre_map.dimension();
+  const Index d = pre_map.dimension();
   AffineMap turned;
   turned.shift = pre_map.shift;
   turned.rotation = eigen.eigenvectors().rowwise().reverse();
-  for (Eigen::Index k = 0; k < d; ++k) {  // signs as near to the given axes as can be
-    Eigen::Index largest = 0;
+  for (Index k = 0; k < d; ++k) {  // signs as near to the given axes as can be
+    Index largest = 0;
     turned.rotation.col(k).cwiseAbs().maxCoeff(&largest);
     if (turned.rotation(largest, k) < 0) turned.rotation.col(k) *= -1;
   }
@@ -55,8 +56,8 @@ MapSolver::Workspace::Climb MapSolver::Workspace::climb(sampling::CheckedDensity
                                                         const Parametrisation& parametrisation,
                                                         Orientation orientation, int first,
                                                         std::ptrdiff_t warm) {
-  const Eigen::Index d = target.dimension();
-  const auto last = [&] { return static_cast<std::ptrdiff_t>(tried) - 1; };
+  const Index d = target.dimension();
+  const auto last = [&] { return static_cast<Index>(tried) - 1; };
   if (orientation == Orientation::principal) pre_map = principal_axes(pre_map);
   // A family of the caller's own belongs to the caller's coordinates.
   bool may_turn = orientation == Orientation::automatic && d >= 2 && d <= k_max_turned && !options.family;
@@ -64,20 +65,20 @@ MapSolver::Workspace::Climb MapSolver::Workspace::climb(sampling::CheckedDensity
   double best = std::numeric_limits<double>::infinity();
   for (int order = first; order <= options.max_order && !climb.reached; ++order) {
     MapShape& of_order = shapes.of_order(d, order, parametrisation);
-    const double below = warm >= 0 ? candidates[static_cast<std::size_t>(warm)].training_objective
-                                   : std::numeric_limits<double>::quiet_NaN();
+    const double below =
+        warm >= 0 ? candidates[warm].training_objective : std::numeric_limits<double>::quiet_NaN();
     (void)train(target, result, pre_map, of_order, order, warm);
     warm = last();
     if (may_turn && order >= 2) {
       may_turn = false;
-      const double given = candidates[static_cast<std::size_t>(warm)].training_objective;
+      const double given = candidates[warm].training_objective;
       const AffineMap turned = principal_axes(pre_map);
       const double along = train(target, result, turned, of_order, order, -1).training_objective;
       const bool better =
           std::isnan(below) ? along <= given : k_clearly_more * (below - along) >= below - given;
       if (better) pre_map = turned, warm = last();
     }
-    Candidate& candidate = candidates[static_cast<std::size_t>(warm)];
+    Candidate& candidate = candidates[warm];
     if (candidate.training_diagnostic <= options.tolerance) {
       verify(target, candidate);
       climb.reached = candidate.verified_diagnostic <= options.tolerance;
@@ -98,14 +99,14 @@ MapSolver::Workspace::Climb MapSolver::Workspace::climb_long(sampling::CheckedDe
   for (int order = k_first_long;
        order <= std::min(last_long(target.dimension()), options.max_order) && !climb.reached; ++order) {
     if (order >= k_first_dear_long) {
-      Candidate& last = candidates[static_cast<std::size_t>(warm)];
+      Candidate& last = candidates[warm];
       verify(target, last);
       if (last.verified_diagnostic <= 10 * options.tolerance) break;
     }
     MapShape& shape = shapes.long_of_order(target.dimension(), order);
     Candidate& candidate = train(target, result, pre_map, shape, shape.identity.order(), warm);
     candidate.is_long = true;
-    warm = static_cast<std::ptrdiff_t>(tried) - 1;
+    warm = tried - 1;
     if (candidate.training_diagnostic <= options.tolerance) {
       verify(target, candidate);
       climb.reached = candidate.verified_diagnostic <= options.tolerance;
@@ -131,7 +132,7 @@ MapSolver::Workspace::Climb MapSolver::Workspace::climb_tempered(sampling::LogDe
     Candidate& candidate = train(checked, result, pre_map, of_order, order, warm);
     candidate.usable = false;
     candidate.training_diagnostic = candidate.verified_diagnostic = std::numeric_limits<double>::infinity();
-    warm = static_cast<std::ptrdiff_t>(tried) - 1;
+    warm = tried - 1;
   }
   tempered_evaluations += checked.evaluations();
   return climb(target, result, pre_map, options.parametrisation, Orientation::given, order, warm);
@@ -151,7 +152,7 @@ MapSolver::Workspace::Climb MapSolver::Workspace::fall_back(sampling::LogDensity
   };
   // The orientation not taken.
   const AffineMap taken = candidates[standard].pre_map;
-  const Eigen::Index d = target.dimension();
+  const Index d = target.dimension();
   if (options.orientation == Orientation::automatic && d >= 2 && d <= k_max_turned && !options.family)
     attempt(own, pre_map, taken.rotation.size() > 0 ? Orientation::given : Orientation::principal);
   // Targets that are polynomial far into their tails, as Rosenbrock's.

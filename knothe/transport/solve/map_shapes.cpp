@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
 
 namespace knothe::transport {
@@ -24,27 +25,23 @@ constexpr double k_lightest_node = 1e-11;
 
 /// Symmetric quasi-random points whose mean is exactly 0 and whose covariance is exactly the identity, so
 /// that a Gaussian target has exactly its affine map.
-numerics::PointRule quasi_random_rule(Eigen::Index n, Eigen::Index d) {
+numerics::PointRule quasi_random_rule(Index n, Index d) {
   Eigen::MatrixXd points(n, d);
   points.topRows(n / 2) = numerics::sobol_normal_points(n / 2, d, k_training_seed);
   points.bottomRows(n / 2) = -points.topRows(n / 2);
-  const Eigen::MatrixXd covariance = points.transpose() * points / static_cast<double>(n);
+  const Eigen::MatrixXd covariance = points.transpose() * points / n;
   const Eigen::MatrixXd white = covariance.llt().matrixL().solve(points.transpose());
-  return {white.transpose(), Eigen::VectorXd::Constant(n, 1.0 / static_cast<double>(n))};
+  return {white.transpose(), Eigen::VectorXd::Constant(n, 1.0 / n)};
 }
 
 /// Order in each variable: the highest degree in a Φ_c, or one more than that in a Φ_e.
 std::vector<int> orders_of(const TriangularMap& map) {
-  std::vector<int> orders(static_cast<std::size_t>(map.dimension()), 1);
-  for (Eigen::Index k = 0; k < map.dimension(); ++k) {
+  std::vector<int> orders(map.dimension(), 1);
+  for (Index k = 0; k < map.dimension(); ++k) {
     for (const MultiIndex& index : map.component(k).constant)
-      for (const auto& f : index.factors)
-        orders[static_cast<std::size_t>(f.variable)] =
-            std::max(orders[static_cast<std::size_t>(f.variable)], f.degree);
+      for (const auto& f : index.factors) orders[f.variable] = std::max(orders[f.variable], f.degree);
     for (const MultiIndex& index : map.component(k).monotone)
-      for (const auto& f : index.factors)
-        orders[static_cast<std::size_t>(f.variable)] =
-            std::max(orders[static_cast<std::size_t>(f.variable)], f.degree + 1);
+      for (const auto& f : index.factors) orders[f.variable] = std::max(orders[f.variable], f.degree + 1);
   }
   return orders;
 }
@@ -60,18 +57,18 @@ bool less(const Parametrisation& a, const Parametrisation& b) {
 /// variable, in up to three dimensions; beyond, twelve quasi-random points per coefficient of the largest
 /// component.
 numerics::PointRule default_training_rule(const MapShape& shape) {
-  const Eigen::Index d = shape.identity.dimension();
+  const Index d = shape.identity.dimension();
   if (d <= 3) {
     std::vector<numerics::Quadrature> rules;
     const std::vector<int> orders = orders_of(shape.identity);
     const bool is_long = d > 1 && orders.front() > orders.back();
-    for (std::size_t k = 0; k < orders.size(); ++k)
+    for (Index k = 0; k < std::ssize(orders); ++k)
       rules.push_back(numerics::gauss_hermite(k == 0 && is_long ? k_long_nodes : 2 * orders[k] + 4));
     return numerics::tensor_rule(rules, k_lightest_node);
   }
-  Eigen::Index most = 0;
+  Index most = 0;
   for (const auto& c : shape.layout.components()) most = std::max(most, c.count());
-  Eigen::Index n = 1024;
+  Index n = 1024;
   while (n < 12 * most) n *= 2;
   return quasi_random_rule(n, d);
 }
@@ -84,7 +81,7 @@ bool MapShapes::Less::operator()(const Key& a, const Key& b) const {
   return less(std::get<2>(a), std::get<2>(b));
 }
 
-MapShape& MapShapes::of_order(Eigen::Index d, int order, const Parametrisation& parametrisation) {
+MapShape& MapShapes::of_order(Index d, int order, const Parametrisation& parametrisation) {
   auto& shape = shapes_[{d, order, parametrisation}];
   if (!shape) {
     MapSpecification specification =
@@ -99,17 +96,17 @@ MapShape& MapShapes::of_order(Eigen::Index d, int order, const Parametrisation& 
   return *shape;
 }
 
-MapShape& MapShapes::long_of_order(Eigen::Index d, int order) {
+MapShape& MapShapes::long_of_order(Index d, int order) {
   auto& shape = long_shapes_[{d, order}];
   if (!shape) {
-    std::vector<int> orders(static_cast<std::size_t>(d), order);
+    std::vector<int> orders(d, order);
     orders.front() = std::min(k_longer * order, k_longest);
     MapSpecification specification = per_variable_map(orders, options_.parametrisation);
     // How the *width* across the ridge changes along it needs less than where the ridge is, and the pairs of
     // its functions are what costs.
     orders.front() = std::min(k_longer_in_width * order, k_longest);
     const MapSpecification shorter = per_variable_map(orders, options_.parametrisation);
-    for (std::size_t k = 1; k < orders.size(); ++k)
+    for (Index k = 1; k < std::ssize(orders); ++k)
       specification.components[k].monotone = shorter.components[k].monotone;
     shape = std::make_unique<MapShape>(std::move(specification));
   }
@@ -141,10 +138,10 @@ const TrainingTables& MapShapes::training_tables(MapShape& shape) {
   return *shape.training;
 }
 
-const VerificationTables& MapShapes::verification_tables(MapShape& shape, Eigen::Index n, bool is_broad) {
+const VerificationTables& MapShapes::verification_tables(MapShape& shape, Index n, bool is_broad) {
   auto& tables = shape.verification[{n, is_broad}];
   if (tables) return *tables;
-  const Eigen::Index d = shape.identity.dimension();
+  const Index d = shape.identity.dimension();
   tables = std::make_unique<VerificationTables>();
   Eigen::MatrixXd& points = tables->reference;
   points.resize(n, d);
@@ -159,8 +156,7 @@ const VerificationTables& MapShapes::verification_tables(MapShape& shape, Eigen:
   tables->log_reference = standard_normal_log_density(points);
   if (is_broad) {
     const Eigen::ArrayXd narrow = tables->log_reference.array();
-    const Eigen::ArrayXd wide =
-        standard_normal_log_density(points / k_broad).array() - static_cast<double>(d) * std::log(k_broad);
+    const Eigen::ArrayXd wide = standard_normal_log_density(points / k_broad).array() - d * std::log(k_broad);
     const Eigen::ArrayXd top = narrow.max(wide);
     tables->log_reference = top + (0.5 * (narrow - top).exp() + 0.5 * (wide - top).exp()).log();
   }

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/transport/solve/kl_objective.hpp"
 #include "knothe/transport/solve/map_solver.hpp"
 
@@ -28,8 +29,7 @@ struct MapShape {
   TriangularMap identity;
   MapLayout layout;
   std::unique_ptr<TrainingTables> training;
-  std::map<std::pair<Eigen::Index, bool>, std::unique_ptr<VerificationTables>>
-      verification;  ///< (n, is_broad)
+  std::map<std::pair<Index, bool>, std::unique_ptr<VerificationTables>> verification;  ///< (n, is_broad)
 
   explicit MapShape(MapSpecification specification) : identity(std::move(specification)), layout(identity) {}
 };
@@ -40,27 +40,27 @@ class MapShapes {
   explicit MapShapes(const MapSolverOptions& options) : options_(options) {}
 
   /// Errors: UsageError where the options' family gives a map in other dimensions.
-  MapShape& of_order(Eigen::Index d, int order, const Parametrisation& parametrisation);
+  MapShape& of_order(Index d, int order, const Parametrisation& parametrisation);
   /// A map of that order whose first variable has a far higher one.
-  MapShape& long_of_order(Eigen::Index d, int order);
+  MapShape& long_of_order(Index d, int order);
   /// The shape of a map: one of those here, or made for it.
   MapShape& of(const TriangularMap& map);
 
   const TrainingTables& training_tables(MapShape& shape);
   /// `is_broad`: half of the points are spread by k_broad, and log_reference is that of the mixture ½ N(0, I)
   /// + ½ N(0, k_broad² I).
-  const VerificationTables& verification_tables(MapShape& shape, Eigen::Index n, bool is_broad = false);
+  const VerificationTables& verification_tables(MapShape& shape, Index n, bool is_broad = false);
   /// Makes the tables of a shape; `with_broad`: those of the importance correction's further points too.
   void prepare(MapShape& shape, bool with_broad);
 
  private:
-  using Key = std::tuple<Eigen::Index, int, Parametrisation>;  ///< d, order, parametrisation
+  using Key = std::tuple<Index, int, Parametrisation>;  ///< d, order, parametrisation
   struct Less {
     bool operator()(const Key& a, const Key& b) const;
   };
   const MapSolverOptions& options_;
   std::map<Key, std::unique_ptr<MapShape>, Less> shapes_;
-  std::map<std::pair<Eigen::Index, int>, std::unique_ptr<MapShape>> long_shapes_;  ///< d, order of the others
+  std::map<std::pair<Index, int>, std::unique_ptr<MapShape>> long_shapes_;  ///< d, order of the others
   std::unique_ptr<MapShape> foreign_;  ///< of a map that this solver did not make
 };
 

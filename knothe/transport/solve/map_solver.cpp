@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
 #include "knothe/sampling/differenced_density.hpp"
 #include "knothe/transport/solve/map_solver_workspace.hpp"
@@ -84,12 +85,12 @@ const MapSolverOptions& MapSolver::options() const {
   return work_->options;
 }
 
-bool MapSolver::Workspace::may_be_long(Eigen::Index d) const {
+bool MapSolver::Workspace::may_be_long(Index d) const {
   return options.long_first_variable && d >= 2 && d <= k_max_long && !options.family &&
          options.nodes_per_axis == 0 && options.max_order > k_first_long;
 }
 
-void MapSolver::prepare(Eigen::Index dimension) {
+void MapSolver::prepare(Index dimension) {
   Workspace& work = *work_;
   for (int order = work.options.min_order; order <= work.options.max_order; ++order) {
     MapShape& shape = work.shapes.of_order(dimension, order, work.options.parametrisation);

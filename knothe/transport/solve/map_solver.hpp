@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/sampling/log_density.hpp"
 #include "knothe/sampling/trust.hpp"
 #include "knothe/transport/diagnose/missed_modes.hpp"
@@ -35,8 +36,8 @@ struct MapSolverOptions {
   /// The minimiser stops when it predicts a smaller decrease of the objective; 0: a thousandth of
   /// `tolerance`, since the objective's excess and the diagnostic are the same to leading order.
   double decrease_tolerance = 0;
-  Eigen::Index verification_points = 1024;  ///< scrambled Sobol points, never used for training
-  Eigen::Index max_points = 16384;  ///< the importance correction may take so many where weights are uneven
+  Index verification_points = 1024;  ///< scrambled Sobol points, never used for training
+  Index max_points = 16384;          ///< the importance correction may take so many where weights are uneven
   double wanted_ess =
       0.996;  ///< below this effective sample size (fraction), or beyond order 4 without the tolerance, the
               ///< correction takes four times as many points; below 0.98 sixteen times
@@ -136,7 +137,7 @@ class MapSolver {
 
   /// Makes the tables for densities in `dimension` variables that most solves need now, not at the first that
   /// does. The large ones, of corrections of high orders and of a long first variable, wait for that solve.
-  void prepare(Eigen::Index dimension);
+  void prepare(Index dimension);
 
   /// Errors: UsageError for a dimension below 1, NumericalError for a density that gives NaN or +∞, or is
   /// zero at every point tried. `result` is overwritten; reusing one object saves its memory.

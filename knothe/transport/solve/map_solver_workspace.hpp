@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/optimise/bfgs.hpp"
 #include "knothe/numerics/optimise/lbfgs.hpp"
 #include "knothe/numerics/optimise/nelder_mead.hpp"
@@ -60,8 +61,7 @@ struct MapSolver::Workspace {
 
   /// log-weights at n independent points under pre_map ∘ (map of `shape` with `map_coefficients`).
   void weigh(sampling::CheckedDensity& target, const AffineMap& pre_map, MapShape& shape,
-             const Eigen::VectorXd& map_coefficients, Eigen::Index n, WeightedPoints& out,
-             bool is_broad = false);
+             const Eigen::VectorXd& map_coefficients, Index n, WeightedPoints& out, bool is_broad = false);
   numerics::MinimiserSummary minimise(sampling::CheckedDensity& target, const MapShape& shape);
   /// A new candidate, begun at candidate `warm` (of the same parametrisation; −1: at the identity).
   Candidate& train(sampling::CheckedDensity& target, MapResult& result, const AffineMap& pre_map,
@@ -84,7 +84,7 @@ struct MapSolver::Workspace {
   Climb fall_back(sampling::LogDensity& user_target, sampling::CheckedDensity& target, MapResult& result,
                   const AffineMap& pre_map);
   /// climb_long may be tried.
-  [[nodiscard]] bool may_be_long(Eigen::Index d) const;
+  [[nodiscard]] bool may_be_long(Index d) const;
   /// The best verified candidate.
   std::size_t choose(sampling::CheckedDensity& target);
   void report(Candidate& candidate, MapResult& result);
@@ -93,7 +93,7 @@ struct MapSolver::Workspace {
 
 /// Orders of the other variables that climb_long tries.
 inline constexpr int k_first_long = 2;
-[[nodiscard]] inline constexpr int last_long(Eigen::Index d) {
+[[nodiscard]] inline constexpr int last_long(Index d) {
   return d == 2 ? 6 : 4;  // in three variables a Newton step at order 5 takes a second
 }
 /// Up to this order the tables of a correction's further points are made in advance. Those of higher orders
@@ -101,11 +101,11 @@ inline constexpr int k_first_long = 2;
 inline constexpr int k_last_prepared_broad = 4;
 /// Coefficients of the largest map whose tables are made beforehand: those of order 8 in eight variables
 /// would fill any memory.
-inline constexpr Eigen::Index k_last_prepared_size = 500;
+inline constexpr Index k_last_prepared_size = 500;
 /// From here on maps with a long first variable cost ten times more: only for what is far from the tolerance.
 inline constexpr int k_first_dear_long = 5;
 /// Dimensions in which it is tried.
-inline constexpr Eigen::Index k_max_long = 3;
+inline constexpr Index k_max_long = 3;
 
 /// The pre-map turned to the principal axes of its covariance, longest first.
 [[nodiscard]] AffineMap principal_axes(const AffineMap& pre_map);

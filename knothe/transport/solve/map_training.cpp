@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
 #include "knothe/transport/solve/map_solver_workspace.hpp"
 
@@ -15,23 +16,23 @@ namespace knothe::transport {
 namespace {
 
 /// With more coefficients a Hessian costs more than it saves.
-constexpr Eigen::Index k_max_for_hessian = 600;
+constexpr Index k_max_for_hessian = 600;
 
 }  // namespace
 
 void MapSolver::Workspace::weigh(sampling::CheckedDensity& target, const AffineMap& pre_map, MapShape& shape,
-                                 const Eigen::VectorXd& map_coefficients, Eigen::Index n, WeightedPoints& out,
+                                 const Eigen::VectorXd& map_coefficients, Index n, WeightedPoints& out,
                                  bool is_broad) {
-  const Eigen::Index d = pre_map.dimension();
+  const Index d = pre_map.dimension();
   const VerificationTables& tables = shapes.verification_tables(shape, n, is_broad);
   out.reference = tables.reference;
   map_batch.resize(n, d, 0);
   if (shape.identity.parametrisation().rectifier == Rectifier::square) {
     shape.layout.gather(map_coefficients, coefficients);
-    component.resize(static_cast<std::size_t>(d));
+    component.resize(d);
     map_batch.log_determinant.setZero();
-    for (Eigen::Index k = 0; k < d; ++k) {
-      auto& c = component[static_cast<std::size_t>(k)];
+    for (Index k = 0; k < d; ++k) {
+      auto& c = component[k];
       (void)c.evaluate(tables.points, shape.layout, k, coefficients, 0);  // h < 0 here and there is no error
       map_batch.value.col(k) = c.value;
       map_batch.log_determinant += c.log_slope;
@@ -43,9 +44,9 @@ void MapSolver::Workspace::weigh(sampling::CheckedDensity& target, const AffineM
   }
   const Eigen::MatrixXd matrix = pre_map.matrix();
   out.points.resize(n, d);
-  for (Eigen::Index i = 0; i < d; ++i) {
+  for (Index i = 0; i < d; ++i) {
     out.points.col(i).setConstant(pre_map.shift[i]);
-    for (Eigen::Index j = 0; j < d; ++j)
+    for (Index j = 0; j < d; ++j)
       if (matrix(i, j) != 0) out.points.col(i) += matrix(i, j) * map_batch.value.col(j);
   }
   if (!std::isfinite(out.points.sum()))
@@ -114,7 +115,7 @@ MapSolver::Workspace::Candidate& MapSolver::Workspace::train(sampling::CheckedDe
   const TrainingTables& tables = shapes.training_tables(shape);
   TriangularMap start = shape.identity;
   if (warm >= 0) {
-    const Candidate& from = candidates[static_cast<std::size_t>(warm)];
+    const Candidate& from = candidates[warm];
     TriangularMap lower = from.shape->identity;
     lower.set_coefficients(from.coefficients);
     start.embed(lower);
