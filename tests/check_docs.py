@@ -15,7 +15,7 @@ ROOT = pathlib.Path(sys.argv[1]).resolve()
 GENERATED = "docs/reference/project-file.md"
 LONGEST_LINE = 100
 LONGEST_CODE = 110  # as the sources
-FOLDERS = "apps|bench|cmake|dashboard|deploy|docs|examples|fuzz|knothe|scripts|tests|python"
+FOLDERS = "apps|bench|cmake|dashboard|deploy|docs|examples|fuzz|knothe|scripts|studies|tests|python"
 ELSEWHERE = ("dashboard/node_modules", "dashboard/out", "knothe/v1/")  # made by npm; topics of MQTT
 
 

@@ -1,6 +1,6 @@
 #pragma once
 /// @file The engine of the program: data in, one by one and in any order; posterior, forecasts and warnings
-/// out. `knothe assimilate`, `knothe serve`, `knothe replay` and the reproduction are thin over it.
+/// out. `knothe assimilate`, `knothe serve`, `knothe replay` and the package for Python are thin over it.
 #include <map>
 #include <set>
 #include <string>

@@ -1,18 +1,40 @@
-"""knothe reproduce: what it says before it works, and what an interruption leaves. Its parts are tested in knothe/reproduction."""
+"""knothe reproduce: what it says before it works, what an interruption leaves, the parts of the study on a coarse beam, and (at night) the
+whole of --quick. The study is studies/reproduction, in Python."""
 import json
 import os
+import pathlib
 import signal
 import subprocess
 import time
 import unittest
 
-from support import KNOTHE, Case
+from support import KNOTHE, REPOSITORY, Case, python_with
+
+MODULES = ("numpy", "h5py", "matplotlib")
+STUDY = REPOSITORY / "studies" / "reproduction"
+# The package's folder of the build tree, as the study is given it.
+PACKAGE = pathlib.Path(KNOTHE).resolve().parent.parent / "python"
+
+
+def python_of_the_study():
+    """An interpreter that can run it, or None."""
+    python = python_with(*MODULES)
+    if python is None:
+        return None
+    found = subprocess.run([python, "-c", "import knothe"], capture_output=True, env=dict(os.environ, PYTHONPATH=str(PACKAGE)))
+    return python if found.returncode == 0 else None
 
 
 class Test(Case):
+    def need_python(self):
+        python = python_of_the_study()
+        if python is None:
+            self.skipTest(f"no python3 with {', '.join(MODULES)} and the package knothe (Debian: python3-h5py, python3-matplotlib)")
+        return python
+
     def test_help_has_an_example_and_names_the_folder(self):
         text = self.expect(0, "reproduce", "--help").out
-        for word in ("Example:", "knothe reproduce --quick", "reproduction/", "--json"):
+        for word in ("Example:", "knothe reproduce --quick", "reproduction/", "--json", "matplotlib"):
             self.assertIn(word, text)
 
     def test_what_cannot_be_is_refused_before_any_work(self):
@@ -21,11 +43,19 @@ class Test(Case):
         self.expect(5, "reproduce", "--quick", "-o", "taken", stderr="taken")
         self.expect_nothing_but(self.folder, ["taken"])
 
+    def test_without_python_it_says_how_to_run_the_study(self):
+        (self.folder / "python3").write_text("#!/bin/sh\nexit 1\n")
+        (self.folder / "python3").chmod(0o755)
+        for python in ("python3", "nowhere"):  # without the modules; none at all
+            self.expect(1, "reproduce", "--quick", "-o", "study", env=dict(os.environ, KNOTHE_PYTHON=str(self.folder / python)),
+                        stderr=(python, "python3-h5py", "KNOTHE_PYTHON", "studies/reproduction --quick"))
+
     def test_an_interruption_keeps_the_runs_that_are_done(self):
+        self.need_python()
         process = subprocess.Popen([KNOTHE, "reproduce", "--quick", "--json", "-o", "study"], cwd=self.folder,
                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                                    env=dict(os.environ, KNOTHE_THREADS="1"))
-        parts = self.folder / "study" / "models" / "reference.parts"
+        parts = self.folder / "study" / "models" / "reference.h5.parts"
         deadline = time.monotonic() + 200
         while not (parts.is_dir() and list(parts.glob("*.h5"))) and time.monotonic() < deadline:
             self.assertIsNone(process.poll())
@@ -36,11 +66,18 @@ class Test(Case):
         self.assertIn("kept", err)
         self.assertTrue(list(parts.glob("*.h5")))
         # The figure that needs no model is out already, as JSON lines and nothing else.
-        self.assertIn('"figure":"5"', out)
+        self.assertIn('"figure": "5"', out)
         self.assertFalse((self.folder / "study" / "reproduce.html").exists())
+
+    def test_its_parts_on_a_coarse_beam(self):
+        python = self.need_python()
+        done = subprocess.run([python, "-B", STUDY / "study_test.py"], cwd=self.folder, capture_output=True, text=True, timeout=280,
+                              env=dict(os.environ, KNOTHE=KNOTHE, PYTHONPATH=str(PACKAGE)))
+        self.assertEqual(done.returncode, 0, done.stderr[-4000:])
 
     def test_the_quick_study_is_complete(self):
         """Nightly: minutes. Every figure has rows; numbers are near the paper's where they should be."""
+        self.need_python()
         lines = self.expect(0, "reproduce", "--quick", "--json", "-o", "study", timeout=1700).lines()
         last = lines.pop()
         self.assertIs(last["done"], True)

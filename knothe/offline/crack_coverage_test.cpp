@@ -7,26 +7,92 @@
 /// KNOTHE_CRACKS=600 says how many, without it the tests are skipped.
 #include <gtest/gtest.h>
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "knothe/assimilation/data/synthetic_measurements.hpp"
 #include "knothe/assimilation/update/prior_transform.hpp"
+#include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/files/testing/test_folder.hpp"
 #include "knothe/forecast/crack_bridge.hpp"
+#include "knothe/forecast/forecaster.hpp"
+#include "knothe/mechanics/full_order/beam_simulator.hpp"
 #include "knothe/mechanics/full_order/offline.hpp"
 #include "knothe/numerics/statistics/random.hpp"
+#include "knothe/reduction/compress/compression.hpp"
+#include "knothe/reduction/observe/crack_modes.hpp"
 #include "knothe/reduction/observe/observation_operator.hpp"
-#include "knothe/reproduction/beam_case.hpp"
-#include "knothe/reproduction/experiment.hpp"
+#include "knothe/reduction/observe/observed_model.hpp"
 
-namespace knothe::reproduction {
+namespace knothe::offline {
 namespace {
+
+using reduction::Sensors;
+
+/// The beam of the paper, and the grid on which its reduced model is built.
+struct BeamCase {
+  std::string name;
+  mechanics::BeamProblem problem;
+  int nodes = 9;  ///< of the parameter grid, per axis
+
+  [[nodiscard]] std::vector<reduction::Axis> axes() const {
+    return {mechanics::parameter_axis("Y0", problem.reference.threshold, 0.5, 1.5, nodes),
+            mechanics::parameter_axis("Ad", problem.reference.brittleness, 0.5, 1.5, nodes)};
+  }
+};
+
+/// The model of at most so many modes, with crack solutions; read from the folder if it is there.
+reduction::SeparatedModel model_of(const BeamCase& chosen, reduction::Form form, std::size_t modes,
+                                   const std::string& folder, int processes) {
+  const std::string path = folder + "/" + chosen.name + ".h5";
+  if (std::filesystem::exists(path)) return reduction::SeparatedModel(reduction::read_model(path), path);
+  simulator::RunGrid grid;
+  grid.axes = chosen.axes();
+  grid.parts_folder = folder + "/" + chosen.name + ".parts";
+  grid.processes = processes;
+  const reduction::Snapshots snapshots = mechanics::run_snapshots(chosen.problem, grid).snapshots;
+  reduction::CompressionOptions options;
+  options.form = form;
+  options.modes = std::min(modes, snapshots.grid_size() - 1);
+  reduction::ModelContents contents = reduction::compress(snapshots, options);
+  const mechanics::CrackTable table = mechanics::crack_table(chosen.problem, {}, snapshots.dofs);
+  contents.crack = reduction::crack_modes(table.lengths, table.values);
+  reduction::write_model(contents, path);
+  return reduction::SeparatedModel(std::move(contents), path);
+}
+
+/// 30 nodes of the outer face with |x| ≤ 120 mm, x and y components.
+Sensors sensors_of(const reduction::SeparatedModel& model) {
+  const reduction::Dofs& dofs = model.contents().dofs;
+  assimilation::DofSelection selection;
+  selection.nodes = 30;
+  selection.x_range = {-0.12, 0.12};
+  Sensors sensors;
+  for (const std::size_t dof : assimilation::choose_dofs(dofs, selection, 1))
+    sensors.add(dofs.point(dof), dofs.components[dof]);
+  return sensors;
+}
+
+/// The displacements that a model predicts at parameters `p`, n × n_t.
+Eigen::MatrixXd predicted(const reduction::ObservedModel& model, const Eigen::VectorXd& p) {
+  Eigen::MatrixXd exact(model.observations(), static_cast<Eigen::Index>(model.time.size()));
+  for (std::size_t t = 0; t < model.time.size(); ++t)
+    exact.col(static_cast<Eigen::Index>(t)) = model.predict(p, t);
+  return exact;
+}
+
+/// The paper's prior, of mean (0.9, 1.1) and covariance 0.2 I; the update truncates it to the model's box.
+std::vector<assimilation::Prior> paper_priors() {
+  return {assimilation::Prior::normal(0.9, std::sqrt(0.2)), assimilation::Prior::normal(1.1, std::sqrt(0.2))};
+}
 
 constexpr double k_noise_std = 1e-6;  ///< m
 constexpr std::size_t k_leads = 5;
@@ -50,8 +116,8 @@ struct Watched {
 
   Watched(const reduction::SeparatedModel& of, std::size_t horizon_step)
       : model(of),
-        sensors(random_nodes(of, 1)),
-        seen(observed(of, sensors)),
+        sensors(sensors_of(of)),
+        seen(std::make_shared<const reduction::ObservedModel>(reduction::observe(of, sensors))),
         horizon(horizon_step),
         prior(update().transform()) {
     const reduction::CrackSolutions& crack = model.contents().crack;
@@ -66,11 +132,18 @@ struct Watched {
                       shapes.transpose();
   }
 
+  [[nodiscard]] static assimilation::UpdateOptions options() {
+    assimilation::UpdateOptions options;
+    options.map.tolerance = 1e-3;
+    options.map.seed = 1;
+    return options;
+  }
   [[nodiscard]] assimilation::SequentialUpdate update() const {
     return {
         seen,
         assimilation::NoiseModel::independent(Eigen::VectorXd::Constant(seen->observations(), k_noise_std)),
-        paper_priors(), default_options(1)};
+        paper_priors(),
+        {}};
   }
   [[nodiscard]] Eigen::VectorXd draw(unsigned seed) const {
     const Eigen::MatrixXd z = numerics::monte_carlo_normal_points(1, 2, seed);
@@ -255,11 +328,11 @@ void expect_within(std::span<const int> covered, std::size_t truths, double low,
 }
 
 TEST(CrackForecast, IntervalsHoldTruthsOfTheModelAsOftenAsTheySay) {
-  BeamCase coarse{"coarse", "elements of 20 mm, 12 steps", {}, 3};
+  BeamCase coarse{"coarse", {}, 3};
   coarse.problem.beam.element = 0.02;
   coarse.problem.solver.steps = 12;
   const files::TestFolder folder;
-  const reduction::SeparatedModel model = prepare(coarse, folder.file(""), 2).paper;
+  const reduction::SeparatedModel model = model_of(coarse, reduction::Form::canonical, 5, folder.file(""), 2);
   const Watched beam(model, 5);
   const double imposed = coarse.problem.solver.displacement * model.contents().time[beam.horizon];
   const auto draws = [&](unsigned count, unsigned seed) {
@@ -286,15 +359,14 @@ TEST(CrackForecast, IntervalsHoldTruthsOfTheModelAsOftenAsTheySay) {
 /// A beam, watched in 30 steps up to where its crack length is uncertain.
 BeamCase watched_case(BeamCase chosen, const char* name, double displacement) {
   chosen.name = name;
-  chosen.nodes = 9;
   chosen.problem.solver.steps = 30;
   chosen.problem.solver.displacement = displacement;
   return chosen;
 }
 
 BeamCase coverage_case(const std::string& name) {
-  if (name == "reference") return watched_case(reference_case(), "watched", 1.2e-4);
-  BeamCase other = reference_case();
+  BeamCase other;
+  if (name == "reference") return watched_case(other, "watched", 1.2e-4);
   if (name == "mesh") {
     other.problem.beam.element = 0.01;
     return watched_case(other, "watched_mesh", 1.2e-4);
@@ -320,14 +392,12 @@ TEST_P(CrackCoverage, LengthsOfHeldOutFullOrderRunsAreAsForecast) {
   const char* kept = std::getenv("KNOTHE_CRACK_MODELS");
   const std::string folder = kept != nullptr ? kept : own.file("");
   const BeamCase chosen = coverage_case(GetParam());
-  reduction::ModelContents contents = prepare_accurate(chosen, folder, 1).contents();
-  contents.crack = crack_solutions(chosen, contents.dofs);
-  const reduction::SeparatedModel model(std::move(contents));
+  const reduction::SeparatedModel model = model_of(chosen, reduction::Form::tree, 50, folder, 1);
   const auto steps = static_cast<std::size_t>(chosen.problem.solver.steps);
   const Watched beam(model, steps - 1);
 
   mechanics::FullOrderModel full = mechanics::make_full_order_model(chosen.problem);
-  const std::vector<reduction::Axis> axes = axes_of(chosen);
+  const std::vector<reduction::Axis> axes = chosen.axes();
   const reduction::ObservationOperator operation(model.contents().dofs, model.contents().mesh, "the beam",
                                                  beam.sensors);
   const auto last = static_cast<Eigen::Index>(steps) - 1;
@@ -361,4 +431,4 @@ INSTANTIATE_TEST_SUITE_P(Beams, CrackCoverage, testing::Values("reference", "mes
                          [](const auto& beam) { return std::string(beam.param); });
 
 }  // namespace
-}  // namespace knothe::reproduction
+}  // namespace knothe::offline
