@@ -35,11 +35,9 @@ class FormMethod final : public PosteriorMethod {
 }  // namespace
 
 std::unique_ptr<PosteriorMethod> make_method(const MethodSetup& setup) {
-  using assimilation::Feature;
-  assimilation::Features features = features_of(setup.update);
-  add(features, Feature::gate, setup.robust.gate > 0);
-  add(features, Feature::student_t, setup.robust.degrees_of_freedom > 0);
-  assimilation::require_compatible(features);
+  assimilation::require_compatible(
+      features_of(setup.update) |
+      assimilation::features_of(setup.robust.gate, setup.robust.degrees_of_freedom));
   if (!setup.robust.is_active()) return std::make_unique<FormMethod>(setup);
   return std::make_unique<OrderedMethod>(setup);
 }

@@ -68,8 +68,8 @@ assimilation::RobustOptions robust_options(const MethodOptions& method) {
 assimilation::Features features_of(const Project& project) {
   using assimilation::Feature;
   assimilation::Features features = features_of(update_options(project.method));
-  add(features, Feature::gate, robust_options(project.method).gate > 0);
-  add(features, Feature::student_t, robust_options(project.method).degrees_of_freedom > 0);
+  const assimilation::RobustOptions robust = robust_options(project.method);
+  features |= assimilation::features_of(robust.gate, robust.degrees_of_freedom);
   add(features, Feature::truncation, project.method.truncation_error);
   add(features, Feature::clock, !project.clock.empty());
   add(features, Feature::known, !project.known.empty());

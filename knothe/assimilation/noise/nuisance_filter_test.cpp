@@ -435,9 +435,11 @@ TEST(ScaleError, DoesNotGoWithACorrection) {
                      corrected);
     FAIL() << "a correction of data whose scale is unknown was taken";
   } catch (const UsageError& error) {
-    EXPECT_STREQ(error.what(),
-                 "bias_correction cannot be combined with a scale that is not known exactly "
-                 "(relative_scale_std, dic.scale_std): leave out one of them");
+    EXPECT_STREQ(
+        error.what(),
+        "bias_correction cannot be combined with noise_level = \"unknown\", a scale that is not known "
+        "exactly (relative_scale_std, dic.scale_std) or an error that a series shares (shared_std): "
+        "the data cannot tell a bias from these; leave out one of them");
   }
 }
 

@@ -41,27 +41,34 @@ const std::vector<Row>& table() {
        "a known parameter without a value, or beside [model] candidates, is for `knothe assimilate`: data "
        "that come one by one do not bring it; give it a \"value\", which then holds for all of them"},
       {F::noise_level,
-       {F::sequential, F::student_t},
+       {F::student_t},
        "method.noise_level",
-       "noise_level = \"unknown\" links all data: it cannot be combined with {}, which takes the data one by "
-       "one or has a scale of its own; it takes form = \"collapsed\" and likelihood = \"gaussian\""},
+       "noise_level = \"unknown\" links all data by one factor of their Gaussian noise, and a Student-t "
+       "likelihood has a scale of its own for each value: take likelihood = \"gaussian\""},
       {F::noise_level,
        {F::lasting},
        "",
        "noise_level = \"unknown\" cannot be combined with {}: one factor cannot be that of both errors"},
-      {F::bias,
-       {F::gate, F::student_t},
+      {F::sequential,
+       {F::linked},
        "",
-       "bias_correction and --redo cannot be combined with {}: what the model gets wrong would be taken for "
-       "outliers"},
+       "composed maps and Kalman filters take the data one by one, but {} links all of them: use another "
+       "method.kind with form = \"collapsed\" (or, for a bias, bias_extrapolation = \"linear\")"},
       {F::bias,
-       {F::noise_level, F::scale, F::lasting},
+       {F::robust},
        "",
-       "bias_correction cannot be combined with {}: the data cannot tell one from the other"},
+       "bias_correction and --redo cannot be combined with a gate or a Student-t likelihood: what the model "
+       "gets wrong would be taken for outliers"},
+      {F::bias,
+       {F::bias_like},
+       "",
+       "bias_correction cannot be combined with noise_level = \"unknown\", a scale that is not known exactly "
+       "(relative_scale_std, dic.scale_std) or an error that a series shares (shared_std): the data cannot "
+       "tell a bias from these; leave out one of them"},
       {F::extrapolated_bias,
        {F::shared},
        "",
-       "an extrapolated bias cannot be combined with errors that steps share (shared_reference, offset_std): "
+       "an extrapolated bias cannot be combined with noise that steps share (shared_reference, offset_std): "
        "its likelihood replaces the noise of each step; take bias_extrapolation = \"joint\""},
       {F::joint_bias,
        {F::shared_clock},
@@ -69,23 +76,16 @@ const std::vector<Row>& table() {
        "bias_correction cannot be combined with a clock, a known parameter that has a std or "
        "truncation_error = \"on\" beside noise that steps share (shared_reference, offset_std): the estimate "
        "of each step's error would depend on the bias; leave out one of them"},
-      {F::joint_bias,
-       {F::sequential},
-       "",
-       "a bias that is unknown together with the parameters links all data, and {} take them one by one: use "
-       "the collapsed form, or bias_extrapolation = \"linear\""},
       {F::changes,
-       {F::sequential, F::student_t, F::noise_level, F::bias, F::shared},
+       {F::sequential, F::bias, F::linked, F::shared},
        "",
        "forgetting, change_points and on_alarm = \"restart\" cannot be combined with {}: these require that "
        "old data keep their full weight"},
       {F::student_t,
-       {F::dependent, F::sequential},
+       {F::dependent},
        "",
-       "a Student-t likelihood is for sensors whose errors are independent in space and time, and looks at "
-       "all "
-       "data at once: it cannot be combined with {}; take a gate (method.gate) with likelihood = "
-       "\"gaussian\""},
+       "a Student-t likelihood is for sensors whose errors are independent in space and time: with {} take a "
+       "gate (method.gate) and likelihood = \"gaussian\""},
   };
   return rows;
 }
@@ -98,6 +98,10 @@ std::string_view name_of(Feature feature) {
       return "gate";
     case F::student_t:
       return "likelihood = \"student-t\"";
+    case F::robust:
+      return "gate or likelihood = \"student-t\"";
+    case F::linked:
+      return "noise_level = \"unknown\", likelihood = \"student-t\" or a joint bias_correction";
     case F::noise_level:
       return "noise_level = \"unknown\"";
     case F::bias:
@@ -115,10 +119,10 @@ std::string_view name_of(Feature feature) {
              "clocks, truncation_error)";
     case F::shared:
       return "errors that steps share (shared_reference, offset_std, scales, shared_std)";
-    case F::scale:
-      return "a scale that is not known exactly (relative_scale_std, dic.scale_std)";
     case F::lasting:
       return "an error that a series shares (shared_std)";
+    case F::bias_like:
+      return "noise_level = \"unknown\"; a scale that is not known exactly; shared_std";
     case F::shared_clock:
       return "an error of each step beside errors that steps share";
     case F::clock:
@@ -149,8 +153,8 @@ Features features_of(const NoiseModel& noise) {
   add(features, F::dependent,
       !noise.measurement().is_independent() || links_steps(noise) || noise.has_step_errors());
   add(features, F::shared, links_steps(noise));
-  add(features, F::scale, noise.scale_std() > 0);
   add(features, F::lasting, noise.lasting_count() > 0);
+  add(features, F::bias_like, noise.scale_std() > 0 || noise.lasting_count() > 0);
   add(features, F::shared_clock, noise.has_step_errors() && of_dofs);
   return features;
 }
@@ -161,11 +165,22 @@ Features features_of(const UpdateOptions& options) {
   const bool joint = options.bias.way == BiasOptions::Way::joint;
   add(features, F::sequential, options.form == UpdateOptions::Form::composed || is_filter(options.kind));
   add(features, F::noise_level, options.noise_level.has_value());
+  add(features, F::bias_like, options.noise_level.has_value());
+  add(features, F::linked, options.noise_level.has_value() || (corrects && joint));
   add(features, F::bias, corrects);
   add(features, F::joint_bias, corrects && joint);
   add(features, F::extrapolated_bias, corrects && !joint);
   add(features, F::changes,
       options.forgetting < 1 || !options.change_points.empty() || options.restart_on_alarm);
+  return features;
+}
+
+Features features_of(double gate, double degrees_of_freedom) {
+  Features features;
+  add(features, F::gate, gate > 0);
+  add(features, F::student_t, degrees_of_freedom > 0);
+  add(features, F::robust, gate > 0 || degrees_of_freedom > 0);
+  add(features, F::linked, degrees_of_freedom > 0);
   return features;
 }
 

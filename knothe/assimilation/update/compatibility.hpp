@@ -13,7 +13,9 @@ enum class Feature {
   sequential,         ///< composed maps and Kalman filters, which go on from the datum before
   gate,               ///< values are rejected
   student_t,          ///< Student-t likelihood
+  robust,             ///< one of these two
   noise_level,        ///< unknown noise level
+  linked,             ///< what links all data: unknown noise level, Student-t, a joint bias
   bias,               ///< correction of bias, one of the two below
   joint_bias,         ///< unknown together with the parameters
   extrapolated_bias,  ///< the paper's
@@ -21,8 +23,8 @@ enum class Feature {
   truncation,         ///< the model's own error
   dependent,          ///< errors that sensors of a datum have together
   shared,             ///< errors that steps share: reference pictures, offsets, scale, a series' own
-  scale,              ///< not known exactly
   lasting,            ///< an error that a series has at all steps
+  bias_like,          ///< what data cannot tell from a bias: unknown noise level or scale, lasting errors
   shared_clock,       ///< an error of each step beside `shared` ones of each dof
   clock,              ///< a measured quantity that tells the time
   known,              ///< a known parameter
@@ -39,6 +41,8 @@ struct UpdateOptions;
 /// Those of a noise model, or of a sequential update.
 [[nodiscard]] Features features_of(const NoiseModel& noise);
 [[nodiscard]] Features features_of(const UpdateOptions& options);
+/// Of a gate and a Student-t likelihood (`RobustOptions`); 0: without.
+[[nodiscard]] Features features_of(double gate, double degrees_of_freedom);
 /// `features` and `feature`, if it `is_there`.
 inline void add(Features& features, Feature feature, bool is_there = true) {
   if (is_there) features.set(static_cast<std::size_t>(feature));

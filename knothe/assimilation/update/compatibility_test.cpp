@@ -19,7 +19,7 @@ Features both(Feature a, Feature b) {
 
 TEST(Compatibility, AConflictIsNamedWithItsReasonAndTheOtherOne) {
   EXPECT_NO_THROW(require_compatible({}));
-  EXPECT_NO_THROW(require_compatible(both(Feature::scale, Feature::shared)));
+  EXPECT_NO_THROW(require_compatible(both(Feature::gate, Feature::shared)));
   const Conflict found = find_conflict(both(Feature::changes, Feature::shared));
   EXPECT_EQ(found.key, "");
   EXPECT_EQ(found.message,

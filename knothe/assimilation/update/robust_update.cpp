@@ -26,10 +26,7 @@ RobustUpdate::RobustUpdate(std::shared_ptr<const reduction::ObservedModel> model
       robust_(robust),
       watch_(noise),
       noise_std_(noise.measurement().standard_deviations()) {
-  Features features = features_of(noise_);
-  add(features, Feature::gate, robust_.gate > 0);
-  add(features, Feature::student_t, robust_.degrees_of_freedom > 0);
-  require_compatible(features);
+  require_compatible(features_of(noise_) | features_of(robust_.gate, robust_.degrees_of_freedom));
   if (robust_.degrees_of_freedom > 0) {
     student_.emplace(model, noise, std::move(priors), std::move(options), robust_.degrees_of_freedom);
   } else {

@@ -129,9 +129,7 @@ StudentUpdate::StudentUpdate(std::shared_ptr<const reduction::ObservedModel> mod
       solver_(*model_, transform_, central_, of_all_data(options)),
       supervision_(model_, noise, transform_, options),
       functions_(supervision_.functions()) {
-  Features features = features_of(options) | features_of(noise);
-  add(features, Feature::student_t, true);
-  require_compatible(features);
+  require_compatible(features_of(options) | features_of(noise) | features_of(0, degrees));
 }
 
 const std::vector<Prior>& StudentUpdate::priors() const {
