@@ -433,5 +433,25 @@ TEST(Engine, AMisfitIsSeenWithCorrelatedNoiseAndAMissingValue) {
   }
 }
 
+TEST(Engine, CandidatesAreComparedUnderAStudentLikelihoodToo) {
+  EngineSetup setup = independent_setup();
+  setup.robust.degrees_of_freedom = 4;
+  EngineSetup other = setup;
+  other.priors = {Prior::normal(1.3, 0.1), Prior::normal(0.6, 0.1)};
+  EngineSetup compared = setup;
+  compared.name = "first";
+  compared.candidates.push_back({"second", other, {0, 1, 2, 3}});
+  Engine together(compared), first(setup), second(other);
+  StepResult result, alone, elsewhere;
+  for (const Datum& datum : data_in_order(setup, 4, 13)) {
+    result = together.assimilate(datum);
+    alone = first.assimilate(datum);
+    elsewhere = second.assimilate(datum);
+  }
+  ASSERT_EQ(result.models.size(), 2U);
+  EXPECT_EQ(result.models[0].log_evidence, alone.update.log_evidence);
+  EXPECT_EQ(result.models[1].log_evidence, elsewhere.update.log_evidence);
+}
+
 }  // namespace
 }  // namespace knothe::engine

@@ -264,6 +264,26 @@ TEST_F(Robust, AGateAllowsForTheErrorOfTheClock) {
   EXPECT_THROW(RobustUpdate(model_, clock, priors_, {}, {0, 4}), UsageError);
 }
 
+TEST_F(Robust, AGateGoesWithDataThatGrowOld) {
+  UpdateOptions options;
+  options.forgetting = 0.8;
+  options.change_points = {5};
+  options.change_retention = 0.3;
+  // A gate that rejects nothing: to the bit what there is without it.
+  RobustUpdate wide(model_, NoiseModel::independent(std_), priors_, options, {50, 0});
+  SequentialUpdate plain(model_, NoiseModel::independent(std_), priors_, options);
+  const UpdateResult& gated = run(wide, clean_);
+  for (std::size_t t = 0; t < k_steps; ++t) plain.update(t, t, clean_.col(static_cast<Eigen::Index>(t)));
+  EXPECT_EQ(gated.mean, plain.result().mean);
+  EXPECT_EQ(gated.log_evidence, plain.result().log_evidence);
+  // And one that takes the outliers out.
+  RobustUpdate narrow(model_, NoiseModel::independent(std_), priors_, options, {6, 0});
+  const UpdateResult& cleaned = run(narrow, contaminated());
+  EXPECT_GT(cleaned.rejected, 0);
+  for (Eigen::Index k = 0; k < 2; ++k)
+    EXPECT_NEAR(cleaned.mean[k], plain.result().mean[k], 0.5 * std::sqrt(plain.result().covariance(k, k)));
+}
+
 TEST_F(Robust, StudentNeedsIndependentNoise) {
   try {
     RobustUpdate(model_, NoiseModel::independent(std_).with_offsets(0.1), priors_, {}, {0, 4});
