@@ -107,9 +107,8 @@ std::string encoded(const std::string& path, const Picture& picture) {
   {
     Writer writer(path);
     png_set_write_fn(writer.png, &bytes, append_bytes, no_flush);
-    png_set_IHDR(writer.png, writer.info, static_cast<png_uint_32>(picture.width),
-                 static_cast<png_uint_32>(picture.height), bits, PNG_COLOR_TYPE_GRAY, PNG_INTERLACE_NONE,
-                 PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+    png_set_IHDR(writer.png, writer.info, picture.width, picture.height, bits, PNG_COLOR_TYPE_GRAY,
+                 PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
     png_write_info(writer.png, writer.info);
     std::vector<unsigned char> row(static_cast<std::size_t>(picture.width) * 2);
     const float top = (1 << bits) - 1;
@@ -148,9 +147,8 @@ void write_colour_png(const std::string& path, int width, int height, std::span<
   {
     Writer writer(path);
     png_set_write_fn(writer.png, &bytes, append_bytes, no_flush);
-    png_set_IHDR(writer.png, writer.info, static_cast<png_uint_32>(width), static_cast<png_uint_32>(height),
-                 8, PNG_COLOR_TYPE_RGB, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
-                 PNG_FILTER_TYPE_DEFAULT);
+    png_set_IHDR(writer.png, writer.info, width, height, 8, PNG_COLOR_TYPE_RGB, PNG_INTERLACE_NONE,
+                 PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
     png_write_info(writer.png, writer.info);
     for (int y = 0; y < height; ++y)
       png_write_row(writer.png, pixels.data() + 3 * static_cast<std::size_t>(y) * width);

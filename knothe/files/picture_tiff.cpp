@@ -145,7 +145,7 @@ void write_tiff(const std::string& path, const Picture& picture) {
         round_row(picture, y, reinterpret_cast<std::uint8_t*>(row.data()));
       else
         round_row(picture, y, row.data());
-      if (TIFFWriteScanline(tiff.get(), row.data(), static_cast<std::uint32_t>(y)) != 1)
+      if (TIFFWriteScanline(tiff.get(), row.data(), y) != 1)
         throw system_error("could not write the picture", path);
     }
     if (TIFFFlush(tiff.get()) != 1) throw system_error("could not write the picture", path);

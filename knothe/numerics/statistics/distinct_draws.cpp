@@ -47,7 +47,7 @@ Eigen::MatrixXd local_steps(const Eigen::MatrixXd& draws, const std::vector<Inde
   const Index neighbours = std::min(m, 2 * d + 2);
   const Eigen::MatrixXd positions = draws(distinct, Eigen::all), near = whitened(positions, covariance),
                         from = whitened(draws(repeated, Eigen::all), covariance);
-  const Eigen::MatrixXd normal = monte_carlo_normal_points(from.rows(), static_cast<unsigned>(neighbours), 1);
+  const Eigen::MatrixXd normal = monte_carlo_normal_points(from.rows(), neighbours, 1);
   std::vector<Index> order(distinct.size());
   Eigen::MatrixXd steps(from.rows(), d);
   Eigen::VectorXd variance = Eigen::VectorXd::Zero(d);  // of a step, by whitened coordinate
@@ -101,7 +101,7 @@ Eigen::MatrixXd distinct_draws(const Eigen::Ref<const Eigen::MatrixXd>& points,
   if (!repeated.empty())
     draws(repeated, Eigen::all) +=
         local_steps(draws, distinct, repeated, moments_of(points, weights).covariance);
-  const Eigen::MatrixXd uniform = monte_carlo_points(count, static_cast<unsigned>(draws.cols()), 1);
+  const Eigen::MatrixXd uniform = monte_carlo_points(count, draws.cols(), 1);
   for (Index k = 0; k < draws.cols(); ++k) {
     if (2 * distinct_values(drawn.col(k)) < seen.size()) {
       draws.col(k) = drawn.col(k);
