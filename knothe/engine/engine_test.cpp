@@ -193,7 +193,7 @@ TEST(Engine, OneDatumPerStepIsTheSequentialUpdate) {
     EXPECT_EQ(result.update.mean, expected.mean);
     EXPECT_EQ(result.update.log_evidence, expected.log_evidence);
     EXPECT_EQ(result.update.log_evidence_increment, expected.log_evidence_increment);
-    EXPECT_EQ(result.update.points, update.posterior().points);
+    EXPECT_EQ(result.update.points, update.result().points);
     EXPECT_EQ(result.update.monitor.cumulative_sum, expected.monitor.cumulative_sum);
   }
 }

@@ -33,7 +33,7 @@ void OrderedMethod::assimilate(const Place& place, const Timed& timed) {
   const Datum& datum = *timed.datum;
   const std::size_t step = place.first;
   number_ = last_ ? std::max(step, number_ + 1) : step;
-  if (datum.noise || (number_ != step && setup_.noise.has_step(step))) {
+  if (datum.noise || (number_ != step && has_own_noise(setup_.noise, step))) {
     const assimilation::GaussianNoise& noise = datum.noise ? *datum.noise : setup_.noise.at_step(step);
     robust_->set_step_noise(number_, noise);
   }

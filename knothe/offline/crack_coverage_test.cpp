@@ -244,7 +244,7 @@ void watch(const Watched& beam, const Truth& truth, unsigned seed,
     const auto column = static_cast<Eigen::Index>(t);
     update.update(t, t, truth.exact.col(column) + k_noise_std * noise.col(column));
     const auto lead = static_cast<std::size_t>(std::find(asked.begin(), asked.end(), t) - asked.begin());
-    if (lead < k_leads) forecast(lead, update.posterior());
+    if (lead < k_leads) forecast(lead, update.result());
   }
 }
 

@@ -32,14 +32,13 @@ TEST(TruncationNoise, IsTheDenseSumOfTheCovariances) {
   const Eigen::VectorXd std = Eigen::VectorXd::LinSpaced(n, 0.2, 0.5);
   Eigen::MatrixXd precision = Eigen::MatrixXd::Identity(n, n) * 20;
   for (Eigen::Index i = 1; i < n; ++i) precision(i, i - 1) = precision(i - 1, i) = 6;
-  const Eigen::MatrixXd data =
-      assimilation::test::synthetic_data(*model, Eigen::Vector2d(0.3, -0.6), std, 8);
+  const Eigen::MatrixXd data = assimilation::test::synthetic_data(*model, Eigen::Vector2d(0.3, -0.6), std, 8);
   for (const GaussianNoise& noise :
        {GaussianNoise::independent(std), GaussianNoise::correlated(precision.sparseView())}) {
     NoiseModel dense = noise;
     for (Eigen::Index t = 0; t < times; ++t) {
-      Eigen::MatrixXd sum = Eigen::MatrixXd(noise.precision()).inverse() +
-                            error.factors[t] * error.factors[t].transpose();
+      Eigen::MatrixXd sum =
+          Eigen::MatrixXd(noise.precision()).inverse() + error.factors[t] * error.factors[t].transpose();
       sum.diagonal() += error.left_out.col(t);
       dense = dense.with_step(t, GaussianNoise::of_covariance(0.5 * (sum + sum.transpose())));
     }

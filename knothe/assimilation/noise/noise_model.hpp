@@ -66,15 +66,13 @@ class NoiseModel {
   [[nodiscard]] double offset_std() const { return offset_std_; }            ///< 0: no offsets
   [[nodiscard]] double scale_std() const { return scale_std_; }              ///< 0: the scale is exact
   [[nodiscard]] Eigen::Index scalar_count() const { return scalar_count_; }  ///< of `with_scalars`, the last
-  [[nodiscard]] Eigen::Index lasting_count() const {                         ///< q of `with_lasting_errors`
-    return lasting_ ? lasting_->front().cols() : 0;
+  /// B_t of step `step`; null where there is none.
+  [[nodiscard]] const Eigen::MatrixXd* lasting_error(std::size_t step) const {
+    return lasting_ ? &lasting_->at(step) : nullptr;
   }
-  /// B_t of step `step`, where `lasting_count` is not 0.
-  [[nodiscard]] const Eigen::MatrixXd& lasting_error(std::size_t step) const { return lasting_->at(step); }
   [[nodiscard]] bool has_step_errors() const { return !step_errors_.empty(); }
   /// F of step `step`; null where there is none.
   [[nodiscard]] const Eigen::MatrixXd* step_error(std::size_t step) const;
-  [[nodiscard]] bool has_step(std::size_t step) const { return steps_.contains(step); }
   /// R of step `step`: `measurement` where no other was given.
   [[nodiscard]] const GaussianNoise& at_step(std::size_t step) const;
 
@@ -88,10 +86,21 @@ class NoiseModel {
   std::map<std::size_t, std::shared_ptr<const GaussianNoise>> steps_;
 };
 
+/// Whether that step has another noise than the measurement's.
+[[nodiscard]] inline bool has_own_noise(const NoiseModel& noise, std::size_t step) {
+  return &noise.at_step(step) != &noise.measurement();
+}
+
+/// q of `with_lasting_errors`.
+[[nodiscard]] inline Eigen::Index lasting_count(const NoiseModel& noise) {
+  const Eigen::MatrixXd* first = noise.lasting_error(0);
+  return first == nullptr ? 0 : first->cols();
+}
+
 /// Steps share an error: what one says depends on those before it.
 [[nodiscard]] inline bool links_steps(const NoiseModel& noise) {
   return noise.shared_reference() > 0 || noise.offset_std() > 0 || noise.scale_std() > 0 ||
-         noise.lasting_count() > 0;
+         lasting_count(noise) > 0;
 }
 
 }  // namespace knothe::assimilation

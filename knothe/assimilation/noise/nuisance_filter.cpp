@@ -7,7 +7,7 @@ namespace knothe::assimilation {
 
 NuisanceFilter::NuisanceFilter(std::shared_ptr<const reduction::ObservedModel> model, const NoiseModel& noise)
     : scale_std_(noise.scale_std()),
-      lasting_count_(noise.lasting_count()),
+      lasting_count_(lasting_count(noise)),
       first_scalar_(noise.size() - noise.scalar_count()),
       states_(model->functions->count()) {
   if (SharedError::is_in(noise)) shared_ = std::make_unique<SharedError>(std::move(model), noise);

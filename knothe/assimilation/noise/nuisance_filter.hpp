@@ -21,7 +21,7 @@ class NuisanceFilter {
  public:
   /// Whether there is any.
   [[nodiscard]] static bool is_in(const NoiseModel& noise) {
-    return SharedError::is_in(noise) || noise.scale_std() > 0 || noise.lasting_count() > 0 ||
+    return SharedError::is_in(noise) || noise.scale_std() > 0 || lasting_count(noise) > 0 ||
            noise.has_step_errors();
   }
   NuisanceFilter(std::shared_ptr<const reduction::ObservedModel> model, const NoiseModel& noise);

@@ -153,8 +153,8 @@ Features features_of(const NoiseModel& noise) {
   add(features, F::dependent,
       !noise.measurement().is_independent() || links_steps(noise) || noise.has_step_errors());
   add(features, F::shared, links_steps(noise));
-  add(features, F::lasting, noise.lasting_count() > 0);
-  add(features, F::bias_like, noise.scale_std() > 0 || noise.lasting_count() > 0);
+  add(features, F::lasting, lasting_count(noise) > 0);
+  add(features, F::bias_like, noise.scale_std() > 0 || lasting_count(noise) > 0);
   add(features, F::shared_clock, noise.has_step_errors() && of_dofs);
   return features;
 }

@@ -80,7 +80,7 @@ TEST(Calibration, TruthsFromThePriorAreUniformInThePosteriorAtEveryStage) {
     for (std::size_t s = 0; s < stages.size(); ++s) {
       update.conclude(stages[s]);
       for (Eigen::Index k = 0; k < 2; ++k) {
-        const double u = cumulative(update.posterior(), k, truth[k]);
+        const double u = cumulative(update.result(), k, truth[k]);
         ++counts[s][static_cast<std::size_t>(k)][static_cast<std::size_t>(std::min(9.0, 10 * u))];
       }
     }
@@ -124,7 +124,7 @@ CoverageStudy study(const test::Front& front, int runs, double noise_std, BiasCo
     result.flagged += rang;
     std::array<bool, 2> inside{};
     for (Eigen::Index k = 0; k < 2; ++k) {
-      const double u = cumulative(update.posterior(), k, truth[k]);
+      const double u = cumulative(update.result(), k, truth[k]);
       inside[static_cast<std::size_t>(k)] = u >= 0.05 && u <= 0.95;
       result.covered[k] += inside[static_cast<std::size_t>(k)];
     }

@@ -92,10 +92,10 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
     const Eigen::VectorXd residual = residual_(kept_);
     Eigen::VectorXd predicted;
     if (noise_.scale_std() > 0) predicted = predicted_.col(time_index)(kept_);
-    const Eigen::MatrixXd* lasting = noise_.lasting_count() > 0 ? &noise_.lasting_error(step) : nullptr;
+    const Eigen::MatrixXd* lasting = noise_.lasting_error(step);
     form = nuisances_->condition(group_of(step), model_->core[time_index], residual, predicted, lasting,
                                  noise_.step_error(step), moved);
-  } else if (static_cast<Eigen::Index>(kept_.size()) == values.size() && !noise_.has_step(step)) {
+  } else if (static_cast<Eigen::Index>(kept_.size()) == values.size() && !has_own_noise(noise_, step)) {
     project_complete(time_index, form);
   } else {
     group_of(step).project(model_->core[time_index], residual_(kept_), 1, {}, form);
@@ -179,7 +179,7 @@ void DatumProjector::project_complete(std::size_t time_index, StepForm& form) {
 }
 
 const NoiseGroup& DatumProjector::group_of(std::size_t step) {
-  const bool of_one_step = noise_.has_step(step);
+  const bool of_one_step = has_own_noise(noise_, step);
   if (!of_one_step && kept_.size() == complete_.kept.size()) return complete_;
   if (recent_.of_one_step == of_one_step && recent_.kept == kept_ && (!of_one_step || recent_.step == step))
     return recent_;

@@ -153,7 +153,7 @@ TEST_P(Quadrature, AgreesWithADenseQuadratureFromThePriorOn) {
     const double mean = exact.expectation(q);
     const double deviation =
         std::sqrt(exact.expectation([&](const Eigen::VectorXd& z) { return std::pow(q(z) - mean, 2); }));
-    const auto [found_mean, found_deviation] = forecast(update.posterior(), direction);
+    const auto [found_mean, found_deviation] = forecast(update.result(), direction);
     EXPECT_NEAR(found_mean, mean, of_quantiles * deviation);
     EXPECT_NEAR(found_deviation / deviation, 1, of_quantiles);
     if (r.few.weights.size() == 0) continue;

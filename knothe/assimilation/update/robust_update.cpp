@@ -69,7 +69,7 @@ const UpdateResult& RobustUpdate::update(std::size_t step, std::size_t time_inde
         *last_));
   }
   const auto start = Clock::now();
-  if (const bool own = noise_.has_step(step); own || last_had_own_noise_) {
+  if (const bool own = has_own_noise(noise_, step); own || last_had_own_noise_) {
     noise_std_ = noise_.at_step(step).standard_deviations();
     last_had_own_noise_ = own;
   }
@@ -120,7 +120,7 @@ void RobustUpdate::assimilate(std::size_t step, std::size_t time_index, const Ei
     sensors_.weight = factor.array().isNaN().select(sensors_.weight, factor);
   } else {
     Datum datum{{}, step, time_index, values, std::nullopt};  // as it is judged: without what is rejected
-    if (noise_.has_step(step)) datum.noise = noise_.at_step(step);
+    if (has_own_noise(noise_, step)) datum.noise = noise_.at_step(step);
     gaussian_->add(std::make_shared<const Datum>(std::move(datum)), time_index);
     result_ = gaussian_->conclude(step);
   }

@@ -49,8 +49,8 @@ class SequentialUpdate {
   void add(DatumPointer datum, std::size_t time_index);
   /// UsageError for a datum that is not there.
   void withdraw(std::size_t step, const DatumKey& key);
-  /// The posterior of all steps up to `step`, as if nothing later had come; result() and posterior() are then
-  /// those. UsageError for a step that is not there.
+  /// The posterior of all steps up to `step`, as if nothing later had come; result() is then that. UsageError
+  /// for a step that is not there.
   const UpdateResult& conclude(std::size_t step);
   /// `conclude` may leave out the maps of earlier steps, and then the monitor does not judge this one.
   /// `follow` does not: what it says of `step` is to the bit what `update` says when all data up to it come
@@ -61,7 +61,7 @@ class SequentialUpdate {
   const UpdateResult& preview(std::size_t step);
 
   /// Takes the steps `from` to `to` (both included) out and puts them back with the corrected model, and all
-  /// later ones as they follow from that. Result and posterior are bit-identical to a run in which these
+  /// later ones as they follow from that. The result is bit-identical to a run in which these
   /// steps were corrected when they came; steps that come later fall under it too. Throws UsageError where
   /// data are not kept (`UpdateOptions::learn_bias`), and for an empty range.
   const UpdateResult& redo(std::size_t from, std::size_t to);
@@ -73,7 +73,6 @@ class SequentialUpdate {
   [[nodiscard]] StepForm form_up_to(std::size_t step);
 
   [[nodiscard]] const UpdateResult& result() const { return result_; }
-  [[nodiscard]] const Posterior& posterior() const { return result_; }
   [[nodiscard]] const PriorTransform& transform() const { return *transform_; }  ///< of the truncated priors
   /// The target of the last map, in z; evaluates the whole posterior.
   [[nodiscard]] CollapsedLogDensity& target() { return solver_.target(); }

@@ -238,8 +238,8 @@ TEST(SequentialUpdate, AStepTakenOutLeavesNoTrace) {
     const UpdateResult complete = all.result();
     all.remove(2);
     EXPECT_TRUE(identical(all.remove(4), without.result()));
-    EXPECT_EQ(all.posterior().points, without.posterior().points);
-    EXPECT_EQ(all.posterior().weights, without.posterior().weights);
+    EXPECT_EQ(all.result().points, without.result().points);
+    EXPECT_EQ(all.result().weights, without.result().weights);
     // And put back, out of order: as if all had come in order.
     for (std::size_t t : {5u, 0u, 3u, 1u, 4u, 2u}) late.update(t, t, data.col(static_cast<Eigen::Index>(t)));
     EXPECT_TRUE(identical(late.result(), complete));

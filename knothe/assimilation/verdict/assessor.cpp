@@ -298,7 +298,7 @@ void Assessor::assess_range(const UpdateResult& update, Verdict& verdict) const 
 /// Of the values that are there; with correlated noise, as if all were.
 Eigen::MatrixXd Assessor::projected_errors(const Datum& datum) const {
   const Eigen::MatrixXd* step_error = tests_.noise().step_error(datum.step);
-  const bool own = datum.noise || tests_.noise().has_step(datum.step) || step_error != nullptr;
+  const bool own = datum.noise || has_own_noise(tests_.noise(), datum.step) || step_error != nullptr;
   const GaussianNoise& noise = datum.noise ? *datum.noise : tests_.noise().at_step(datum.step);
   const bool complete = !noise.is_independent() || !datum.values.hasNaN();
   if (complete && !own) return projected_[datum.time_index];

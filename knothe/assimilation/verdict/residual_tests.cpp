@@ -184,7 +184,7 @@ ResidualReport ResidualTests::examine(std::span<const DatumPointer> data, const 
     if (present == 0) continue;  // a picture that is gone
     residual *= scale;
     const GaussianNoise& noise = datum.noise ? *datum.noise : noise_.at_step(datum.step);
-    const bool is_own = datum.noise || noise_.has_step(datum.step);
+    const bool is_own = datum.noise || has_own_noise(noise_, datum.step);
     own = own || is_own;
     double misfit = 0;
     if (noise.is_independent()) {
