@@ -87,8 +87,7 @@ void run(const FullOrderArguments& arguments) {
                    {"cpu_seconds", result.cpu_seconds}},
                   fmt::format("crack {:.1f} mm above the notch; {:.1f} s of CPU on all ranks",
                               1e3 * result.crack_length, result.cpu_seconds));
-    field.assign(result.displacement.end() - static_cast<std::ptrdiff_t>(field.size()),
-                 result.displacement.end());
+    field.assign(result.displacement.end() - std::ssize(field), result.displacement.end());
     damage = std::move(result.cell_damage);
   }
   if (first && !arguments.output.empty()) write_field(mesh, field, damage, arguments.output);

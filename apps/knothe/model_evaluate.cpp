@@ -26,7 +26,7 @@ int model_evaluate(const EvaluateArguments& arguments) {
     if (dof < 0 || static_cast<std::size_t>(dof) >= model.dof_count()) {
       throw UsageError(fmt::format("--dofs {}: the model has dofs 0 to {}", dof, model.dof_count() - 1));
     }
-    dofs.push_back(static_cast<std::size_t>(dof));
+    dofs.push_back(dof);
   }
   const auto step = static_cast<std::size_t>(arguments.step);
   if (!arguments.output.empty()) {

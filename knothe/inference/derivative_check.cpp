@@ -24,13 +24,13 @@ struct Pair {
 class Check {
  public:
   Check(ModelEvaluator& evaluator, const std::vector<assimilation::Prior>& priors)
-      : evaluator_(evaluator), d_(static_cast<Eigen::Index>(priors.size())), points_(d_, k_points) {
+      : evaluator_(evaluator), d_(std::ssize(priors)), points_(d_, k_points) {
     scale_.resize(d_, k_points);
     for (Eigen::Index i = 0; i < k_points; ++i)
       for (Eigen::Index k = 0; k < d_; ++k) {
         // Another place for each parameter: a wrong sign may hide where all are alike.
         const double z = k_places[(i + k) % k_points] * (k / k_points % 2 == 0 ? 1 : -1);
-        const auto p = priors[static_cast<std::size_t>(k)].from_standard_normal(z);
+        const auto p = priors[k].from_standard_normal(z);
         points_(k, i) = p.value, scale_(k, i) = p.first;
       }
   }
@@ -95,13 +95,12 @@ class Check {
     evaluator_.gradient(points_, sensitivities, gradients);
     for (Eigen::Index i = 0; i < k_points; ++i) {
       if (!usable_[i]) continue;
-      std::vector<Pair> pairs(static_cast<std::size_t>(d_));
+      std::vector<Pair> pairs(d_);
       for (Eigen::Index k = 0; k < d_; ++k) {
         const auto slope = near.col(i).segment(k * m, m), rough = far.col(i).segment(k * m, m);
         const auto s = sensitivities.col(i);
-        pairs[static_cast<std::size_t>(k)] = {gradients(k, i) * scale_(k, i), s.dot(slope),
-                                              s.cwiseAbs().dot((rough - slope).cwiseAbs()),
-                                              s.cwiseAbs().dot(slope.cwiseAbs())};
+        pairs[k] = {gradients(k, i) * scale_(k, i), s.dot(slope),
+                    s.cwiseAbs().dot((rough - slope).cwiseAbs()), s.cwiseAbs().dot(slope.cwiseAbs())};
       }
       if (std::string text = worst_mismatch(pairs, i, "Gradient", names); !text.empty()) return text;
     }
@@ -116,11 +115,11 @@ class Check {
     for (Eigen::Index i = 0; i < k_points; ++i) {
       if (!usable_[i]) continue;
       for (Eigen::Index r = 0; r < m; ++r) {
-        std::vector<Pair> pairs(static_cast<std::size_t>(d_));
+        std::vector<Pair> pairs(d_);
         for (Eigen::Index k = 0; k < d_; ++k) {
           const double slope = near(k * m + r, i);
-          pairs[static_cast<std::size_t>(k)] = {jacobians(k * m + r, i) * scale_(k, i), slope,
-                                                std::abs(far(k * m + r, i) - slope), std::abs(slope)};
+          pairs[k] = {jacobians(k * m + r, i) * scale_(k, i), slope, std::abs(far(k * m + r, i) - slope),
+                      std::abs(slope)};
         }
         if (std::string text = worst_mismatch(pairs, i, "ApplyJacobian", names); !text.empty()) return text;
       }
@@ -138,11 +137,11 @@ class Check {
     for (Eigen::Index i = 0; i < k_points; ++i) {
       if (!usable_[i]) continue;
       for (Eigen::Index a = 0; a < d_; ++a) {
-        std::vector<Pair> pairs(static_cast<std::size_t>(d_));
+        std::vector<Pair> pairs(d_);
         for (Eigen::Index k = 0; k < d_; ++k) {
           const double slope = fine(k * d_ + a, i);
-          pairs[static_cast<std::size_t>(k)] = {hessians(k * d_ + a, i) * scale_(k, i), slope,
-                                                std::abs(rough(k * d_ + a, i) - slope), std::abs(slope)};
+          pairs[k] = {hessians(k * d_ + a, i) * scale_(k, i), slope, std::abs(rough(k * d_ + a, i) - slope),
+                      std::abs(slope)};
         }
         if (std::string text = worst_mismatch(pairs, i, "ApplyHessian", names); !text.empty()) return text;
       }

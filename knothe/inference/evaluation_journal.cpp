@@ -24,13 +24,13 @@ std::vector<double> list_of(const Eigen::VectorXd& values) {
 
 Eigen::VectorXd vector_of(const Json& list) {
   const auto values = list.get<std::vector<double>>();
-  return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
+  return Eigen::Map<const Eigen::VectorXd>(values.data(), std::ssize(values));
 }
 
 ModelCall call_of(const Json& line) {
   const auto name = line.at(0).get<std::string>();
   const auto kind = std::find(k_names.begin(), k_names.end(), name) - k_names.begin();
-  if (kind == static_cast<std::ptrdiff_t>(k_names.size())) throw DataError("no kind of call");
+  if (kind == std::ssize(k_names)) throw DataError("no kind of call");
   return {static_cast<CallKind>(kind), vector_of(line.at(1)), vector_of(line.at(2)), vector_of(line.at(3))};
 }
 
@@ -41,10 +41,10 @@ bool answers_as_before(ModelEvaluator& evaluator, const std::vector<ModelCall>& 
   if (evaluations.empty()) return false;
   const std::array chosen = {evaluations.front(), evaluations[evaluations.size() / 2], evaluations.back()};
   Eigen::MatrixXd points(evaluator.model().dimension(), 3), now;
-  for (Eigen::Index i = 0; i < 3; ++i) points.col(i) = chosen[static_cast<std::size_t>(i)]->point;
+  for (Eigen::Index i = 0; i < 3; ++i) points.col(i) = chosen[i]->point;
   evaluator.evaluate(points, now);
   for (Eigen::Index i = 0; i < 3; ++i) {
-    const Eigen::VectorXd& before = chosen[static_cast<std::size_t>(i)]->answer;
+    const Eigen::VectorXd& before = chosen[i]->answer;
     if (!((now.col(i) - before).cwiseAbs().maxCoeff() <= 1e-9 * before.cwiseAbs().maxCoeff())) return false;
   }
   return true;
@@ -114,10 +114,9 @@ KeptCalls EvaluationJournal::open(ModelEvaluator& evaluator) {
 }
 
 void EvaluationJournal::write(const ModelCall& call) {
-  file_ << Json{k_names[static_cast<std::size_t>(call.kind)], list_of(call.point), list_of(call.sensitivity),
-                list_of(call.answer)}
-               .dump()
-        << '\n';
+  file_
+      << Json{k_names[call.kind], list_of(call.point), list_of(call.sensitivity), list_of(call.answer)}.dump()
+      << '\n';
   ++calls_;
 }
 

@@ -29,7 +29,7 @@ void require_finite_integral(PosteriorDensity& posterior, const std::vector<std:
   sampling::LogDensityBatch batch;
   for (int decade = 1; decade <= k_decades && !rays.empty(); ++decade) {
     const double r = std::pow(10.0, decade);
-    Eigen::MatrixXd points(static_cast<Eigen::Index>(rays.size()), d);
+    Eigen::MatrixXd points(std::ssize(rays), d);
     for (std::size_t i = 0; i < rays.size(); ++i)
       points.row(static_cast<Eigen::Index>(i)) = (mode.point + r * rays[i].direction).transpose();
     target.evaluate(points, 0, batch);

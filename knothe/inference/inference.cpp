@@ -187,7 +187,7 @@ Eigen::MatrixXd draws_of(const InferenceResult& r, const assimilation::PriorTran
 }
 
 Eigen::Index distinct_rows(const Eigen::MatrixXd& m) {
-  std::vector<Eigen::Index> order(static_cast<std::size_t>(m.rows()));
+  std::vector<Eigen::Index> order(m.rows());
   std::iota(order.begin(), order.end(), Eigen::Index{0});
   std::sort(order.begin(), order.end(), [&](Eigen::Index a, Eigen::Index b) {
     return std::lexicographical_compare(m.row(a).begin(), m.row(a).end(), m.row(b).begin(), m.row(b).end());

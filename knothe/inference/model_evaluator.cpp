@@ -38,14 +38,14 @@ bool needs_sensitivity(CallKind kind) {
 
 ModelEvaluator::ModelEvaluator(ForwardModel& model, std::vector<assimilation::Prior> priors, double step)
     : model_(&model), priors_(std::move(priors)), step_(step) {
-  if (static_cast<Eigen::Index>(priors_.size()) != model.dimension())
+  if (std::ssize(priors_) != model.dimension())
     throw UsageError(
         fmt::format("{}: {} priors for {} parameters", model.where(), priors_.size(), model.dimension()));
 }
 
 /// A fraction of the prior's scale: its standard deviation, its width, or (lognormal) that of log p.
 double ModelEvaluator::step_of(Eigen::Index k, double p) const {
-  const assimilation::Prior& prior = priors_[static_cast<std::size_t>(k)];
+  const assimilation::Prior& prior = priors_[k];
   using Family = assimilation::Prior::Family;
   if (prior.family() == Family::uniform) return step_ * (prior.upper() - prior.lower());
   const double spread = prior.from_standard_normal(0.5).value - prior.from_standard_normal(-0.5).value;
@@ -156,7 +156,7 @@ void ModelEvaluator::jacobian(const Eigen::Ref<const Eigen::MatrixXd>& points, E
   for (Eigen::Index i = 0; i < n; ++i)
     for (Eigen::Index k = 0; k < d; ++k) {
       const double p = points(k, i), h = step_of(k, p);
-      const assimilation::Prior& prior = priors_[static_cast<std::size_t>(k)];
+      const assimilation::Prior& prior = priors_[k];
       kind(k, i) = p + h > prior.upper() ? -1 : p - h < prior.lower() ? 1 : 0;
       auto near = shifted.col(2 * (i * d + k)), far = shifted.col(2 * (i * d + k) + 1);
       near = far = points.col(i);
@@ -196,7 +196,7 @@ void ModelEvaluator::hessian(const Eigen::Ref<const Eigen::MatrixXd>& points,
   Eigen::MatrixXd centres = points, steps(d, n);
   for (Eigen::Index i = 0; i < n; ++i)
     for (Eigen::Index k = 0; k < d; ++k) {
-      const assimilation::Prior& prior = priors_[static_cast<std::size_t>(k)];
+      const assimilation::Prior& prior = priors_[k];
       const double h = steps(k, i) = step_of(k, points(k, i));
       centres(k, i) = std::clamp(points(k, i), prior.lower() + h, prior.upper() - h);
     }

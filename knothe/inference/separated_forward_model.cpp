@@ -24,11 +24,11 @@ SeparatedForwardModel::SeparatedForwardModel(const reduction::ObservedModel& mod
                                              const std::vector<std::size_t>& steps, std::string where)
     : functions_(model.functions), where_(std::move(where)) {
   require_steps(steps, model.time.size(), where_);
-  const Eigen::Index n = model.observations(), count = static_cast<Eigen::Index>(steps.size());
+  const Eigen::Index n = model.observations(), count = std::ssize(steps);
   matrix_.resize(n * count, functions_->count());
   offset_.resize(n * count);
   for (Eigen::Index s = 0; s < count; ++s) {
-    const std::size_t step = steps[static_cast<std::size_t>(s)];
+    const std::size_t step = steps[s];
     matrix_.middleRows(s * n, n) = model.space * model.core[step];
     offset_.segment(s * n, n) = model.lift.col(static_cast<Eigen::Index>(step));
   }
@@ -53,8 +53,7 @@ void SeparatedForwardModel::jacobian(const Eigen::Ref<const Eigen::MatrixXd>& po
   functions_at(points, 1);
   const Eigen::Index m = output_count();
   for (Eigen::Index k = 0; k < points.rows(); ++k)
-    jacobians.middleRows(k * m, m).noalias() =
-        matrix_ * batch_.first[static_cast<std::size_t>(k)].transpose();
+    jacobians.middleRows(k * m, m).noalias() = matrix_ * batch_.first[k].transpose();
   calls_.jacobians += points.size();
 }
 
@@ -66,7 +65,7 @@ void SeparatedForwardModel::hessian(const Eigen::Ref<const Eigen::MatrixXd>& poi
   const Eigen::MatrixXd weights = matrix_.transpose() * sensitivities;  // r × n
   for (Eigen::Index a = 0; a < d; ++a)
     for (Eigen::Index b = 0; b <= a; ++b) {
-      const auto& second = batch_.second[static_cast<std::size_t>(a * (a + 1) / 2 + b)];
+      const auto& second = batch_.second[a * (a + 1) / 2 + b];
       hessians.row(a * d + b) = second.cwiseProduct(weights.transpose()).rowwise().sum().transpose();
       if (a != b) hessians.row(b * d + a) = hessians.row(a * d + b);
     }

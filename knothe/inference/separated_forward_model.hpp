@@ -47,9 +47,7 @@ class SeparatedOutputModel final : public ForwardModel {
   [[nodiscard]] Eigen::Index dimension() const override {
     return static_cast<Eigen::Index>(model_.dimension());
   }
-  [[nodiscard]] Eigen::Index output_count() const override {
-    return static_cast<Eigen::Index>(steps_.size());
-  }
+  [[nodiscard]] Eigen::Index output_count() const override { return std::ssize(steps_); }
   [[nodiscard]] std::string where() const override { return model_.where(); }
   [[nodiscard]] bool is_cheap() const override { return true; }
   [[nodiscard]] bool has_jacobian() const override { return true; }

@@ -162,7 +162,7 @@ std::string UmbridgeModel::describe(const Point& point) const {
 /// connection i modulo their number.
 void UmbridgeModel::each_point(Eigen::Index count,
                                const std::function<void(HttpConnection&, Eigen::Index)>& body) {
-  const auto lanes = static_cast<Eigen::Index>(connections_.size());
+  const auto lanes = std::ssize(connections_);
   parallel_for(connections_.size(), connections_.size(), [&](std::size_t lane) {
     for (auto i = static_cast<Eigen::Index>(lane); i < count; i += lanes) {
       check_cancellation("the model was being evaluated");
@@ -231,7 +231,7 @@ void UmbridgeModel::jacobian(const Eigen::Ref<const Eigen::MatrixXd>& points,
                               output_sizes_[o]);
     jacobians.col(i) = j.reshaped();
   });
-  calls_.jacobians += points.cols() * dimension_ * static_cast<Eigen::Index>(output_sizes_.size());
+  calls_.jacobians += points.cols() * dimension_ * std::ssize(output_sizes_);
 }
 
 void UmbridgeModel::hessian(const Eigen::Ref<const Eigen::MatrixXd>& points,

@@ -83,7 +83,7 @@ std::vector<std::size_t> read_sizes(const Json& answer, const std::string& key, 
   for (const Json& size : array)
     if (size.is_number() && size.get<double>() >= 0 && size.get<double>() < 1e9 &&
         size.get<double>() == std::floor(size.get<double>()))
-      sizes.push_back(static_cast<std::size_t>(size.get<double>()));
+      sizes.push_back(size.get<double>());
   if (!array.is_array() || array.empty() || sizes.size() != array.size())
     throw DataError(
         fmt::format("{}: \"{}\" must be a list of sizes, not {}", where, key, beginning(array.dump())));
@@ -99,7 +99,7 @@ void read_vector(const Json& array, Eigen::Ref<Eigen::VectorXd> out, const std::
     throw DataError(fmt::format("{}: {} has {} entries; by the sizes that the server gives it must have {}",
                                 where, what, array.size(), out.size()));
   for (Eigen::Index i = 0; i < out.size(); ++i) {
-    const Json& entry = array[static_cast<std::size_t>(i)];
+    const Json& entry = array[i];
     if (!entry.is_number())
       throw DataError(
           fmt::format("{}: {}[{}] is {}, not a finite number", where, what, i, beginning(entry.dump())));

@@ -37,12 +37,12 @@ imaging::ImageMesh mesh_of(const PictureMesh& given) {
   std::vector<char> used(nodes, 0);
   for (const auto& element : given.elements)
     for (int a = 0; a < imaging::ImageMesh::nodes_of(element); ++a) {
-      const int node = element[static_cast<std::size_t>(a)];
+      const int node = element[a];
       if (node < 0 || static_cast<std::size_t>(node) >= nodes)
         throw UsageError("mesh: element " + std::to_string(&element - given.elements.data()) +
                          " has the node " + std::to_string(node) + "; there are " + std::to_string(nodes) +
                          " nodes, counted from 0");
-      used[static_cast<std::size_t>(node)] = 1;
+      used[node] = 1;
     }
   if (const auto lone = std::find(used.begin(), used.end(), 0); lone != used.end())
     throw UsageError("mesh: node " + std::to_string(lone - used.begin()) +

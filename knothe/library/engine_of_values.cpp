@@ -14,7 +14,7 @@ namespace knothe::library {
 namespace {
 
 Eigen::SparseMatrix<double> matrix_of(const Noise::Precision& precision) {
-  const auto n = static_cast<Eigen::Index>(precision.row_begin.size()) - 1;
+  const auto n = std::ssize(precision.row_begin) - 1;
   std::vector<Eigen::Triplet<double>> entries;
   for (std::size_t row = 0; row + 1 < precision.row_begin.size(); ++row)
     for (std::int64_t i = precision.row_begin[row]; i < precision.row_begin[row + 1]; ++i) {
@@ -51,9 +51,9 @@ engine::EngineSetup observe(const std::string& file, const Sensors& sensors,
   engine::EngineSetup setup;
   setup.model = std::make_shared<reduction::ObservedModel>(observed(model, sensors));
   setup.sensors = places;
-  setup.known_errors = reduction::observe_off_grid(reduction::read_truncation_error(file), model.contents(),
-                                                   file, setup.sensors, {}, model.contents().time,
-                                                   static_cast<Eigen::Index>(sensors.size()));
+  setup.known_errors =
+      reduction::observe_off_grid(reduction::read_truncation_error(file), model.contents(), file,
+                                  setup.sensors, {}, model.contents().time, std::ssize(sensors));
   return setup;
 }
 

@@ -17,12 +17,12 @@ using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::Ro
 }
 /// In C order.
 [[nodiscard]] inline std::vector<double> plain(const Eigen::MatrixXd& matrix) {
-  std::vector<double> rows(static_cast<std::size_t>(matrix.size()));
+  std::vector<double> rows(matrix.size());
   Eigen::Map<RowMajor>(rows.data(), matrix.rows(), matrix.cols()) = matrix;
   return rows;
 }
 [[nodiscard]] inline Eigen::VectorXd vector_of(std::span<const double> values) {
-  return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
+  return Eigen::Map<const Eigen::VectorXd>(values.data(), std::ssize(values));
 }
 /// Rows of `columns` numbers. UsageError, "`what`: …", if it does not come out even.
 [[nodiscard]] inline Eigen::MatrixXd rows_of(std::span<const double> values, std::size_t columns,

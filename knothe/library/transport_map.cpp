@@ -158,7 +158,7 @@ class FunctionDensity final : public sampling::LogDensity {
  public:
   explicit FunctionDensity(const Density& density)
       : density_(&density), point_(density.dimension), slope_(point_) {}
-  [[nodiscard]] Eigen::Index dimension() const override { return static_cast<Eigen::Index>(point_.size()); }
+  [[nodiscard]] Eigen::Index dimension() const override { return std::ssize(point_); }
   [[nodiscard]] int available_derivatives() const override { return density_->gradient ? 1 : 0; }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
                 sampling::LogDensityBatch& out) override {

@@ -33,7 +33,7 @@ PriorAnswers answers_of(const UpdateSetup& setup) {
   const auto w = assimilation::prior_functions(*model.functions, *transform);
   const Eigen::VectorXd std = setup.measurements.noise.measurement().standard_deviations();
   PriorAnswers answers;
-  answers.mean.resize(model.observations(), static_cast<Index>(setup.time_indices.size()));
+  answers.mean.resize(model.observations(), std::ssize(setup.time_indices));
   answers.information = Eigen::MatrixXd::Zero(w.tangent.cols(), w.tangent.cols());
   answers.largest = Eigen::VectorXd::Zero(model.observations());
   for (std::size_t k = 0; k < setup.time_indices.size(); ++k) {

@@ -16,7 +16,7 @@ using assimilation::GaussianNoise;
 using inference::Observations;
 
 Observations observations_of(const ObservationOptions& o) {
-  const auto n = static_cast<Eigen::Index>(o.values.size());
+  const auto n = std::ssize(o.values);
   const Eigen::VectorXd values = Eigen::Map<const Eigen::VectorXd>(o.values.data(), n);
   if (o.covariance.empty())
     return {values, GaussianNoise::independent(Eigen::Map<const Eigen::VectorXd>(o.std.data(), n))};

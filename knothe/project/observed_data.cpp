@@ -60,7 +60,7 @@ void settle_units(const reduction::ScalarObservation& sensor, const std::string&
 /// The noise with the errors that observed series have at all times.
 assimilation::NoiseModel with_shared_errors(const assimilation::Measurements& m) {
   const std::vector<std::string>& names = m.sensors.scalars;
-  const Eigen::Index displacements = m.values.rows() - static_cast<Eigen::Index>(names.size());
+  const Eigen::Index displacements = m.values.rows() - std::ssize(names);
   std::vector<Eigen::MatrixXd> factors(m.time.size(), Eigen::MatrixXd(m.values.rows(), 0));
   for (std::size_t k = 0; k < names.size(); ++k) {
     const std::vector<double>& std = m.series.at(names[k]).shared_std;
@@ -103,7 +103,7 @@ void add_series(const Project& project, const reduction::SeparatedModel& model, 
     m.sensors.scalars.push_back(name);
   }
   if (sensors.empty()) return;
-  const Eigen::Index n = m.values.rows(), count = static_cast<Eigen::Index>(sensors.size());
+  const Eigen::Index n = m.values.rows(), count = std::ssize(sensors);
   m.values.conservativeResize(n + count, Eigen::NoChange);
   for (Eigen::Index i = 0; i < count; ++i) {
     const std::vector<double>& values = m.series.at(m.sensors.scalars[i]).values;

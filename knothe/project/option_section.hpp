@@ -101,7 +101,7 @@ template <class T>
     std::vector<std::string> items;
     for (const auto& item : value) {
       if constexpr (std::is_same_v<T, std::vector<int>>)
-        items.push_back(as_written(std::string(k_components.at(static_cast<std::size_t>(item)).word)));
+        items.push_back(as_written(std::string(k_components.at(item).word)));
       else
         items.push_back(as_written(item));
     }

@@ -128,8 +128,7 @@ void PictureMeasurements::read_series(const Project& project, const reduction::M
       throw project.error_at("data",
                              fmt::format("{} pictures, but the model has {} times: give \"data.times\"",
                                          options.pictures.size(), contents.time.size()));
-    options.times.assign(contents.time.begin(),
-                         contents.time.begin() + static_cast<std::ptrdiff_t>(options.pictures.size()));
+    options.times.assign(contents.time.begin(), contents.time.begin() + std::ssize(options.pictures));
   }
   series_ = std::make_unique<imaging::PictureSeries>(std::move(options));
   gamma_ = series_->known_noise();
@@ -167,9 +166,9 @@ PictureMeasurements::PictureMeasurements(const Project& given, const reduction::
   measurements_.time = series_->options().times;
   imaging::observation_places(series_->correlation().mesh(), frame_, points_, component_);
   imaging::add_drift_places(series_->options().drift, points_, component_);
-  const auto n = static_cast<Eigen::Index>(component_.size());
+  const auto n = std::ssize(component_);
   measurements_.sensors = reduction::Sensors({points_, component_});
-  measurements_.values.setConstant(n, static_cast<Eigen::Index>(measurements_.time.size()),
+  measurements_.values.setConstant(n, std::ssize(measurements_.time),
                                    std::numeric_limits<double>::quiet_NaN());
   const assimilation::NoiseModel whole =
       noise_of(series_->precision(series_->correlation().usable_elements(), gamma_).matrix);
@@ -231,8 +230,7 @@ PictureDatum PictureMeasurements::as_datum(const imaging::PictureResult& picture
   datum.picture = picture;
   datum.correlation_us = 1e3 * datum.picture.elapsed_ms;
   const auto precision_start = monotonic_now();
-  datum.values.setConstant(static_cast<Eigen::Index>(component_.size()),
-                           std::numeric_limits<double>::quiet_NaN());
+  datum.values.setConstant(std::ssize(component_), std::numeric_limits<double>::quiet_NaN());
   datum.values.head(2 * series_->correlation().mesh().node_count()) =
       imaging::observed_values(series_->correlation().mesh(), datum.picture, frame_);
   const auto& valid = datum.picture.correlation.element_valid;

@@ -37,7 +37,7 @@ std::vector<double> values_of(const VectorXd& vector) {
 }
 
 VectorXd as_vector(const std::vector<double>& values) {
-  return Eigen::Map<const VectorXd>(values.data(), static_cast<Index>(values.size()));
+  return Eigen::Map<const VectorXd>(values.data(), std::ssize(values));
 }
 
 }  // namespace
@@ -48,7 +48,7 @@ std::vector<std::vector<double>> points_around(const VectorXd& mean, const Eigen
   std::vector<std::vector<double>> points;
   const auto add = [&](VectorXd p) {
     for (Index k = 0; k < p.size(); ++k) {
-      const std::vector<double>& nodes = box[static_cast<std::size_t>(k)].nodes;
+      const std::vector<double>& nodes = box[k].nodes;
       p[k] = std::clamp(p[k], nodes.front(), nodes.back());
     }
     points.push_back(values_of(p));
@@ -131,7 +131,7 @@ std::vector<std::vector<double>> Refinement::points_to_ask(const Posterior& post
   constexpr double k_near = 0.5;  // in standard deviations
   constexpr Index k_at_once = 2, k_candidates = 256;
   const Index d = posterior.mean.size();
-  MatrixXd known(static_cast<Index>(solutions_.size()), d);
+  MatrixXd known(std::ssize(solutions_), d);
   for (std::size_t i = 0; i < solutions_.size(); ++i)
     known.row(static_cast<Index>(i)) = as_vector(solutions_[i].parameters_at(0)).transpose();
   const Standardised scale(posterior);
@@ -155,7 +155,7 @@ std::vector<std::vector<double>> Refinement::points_to_ask(const Posterior& post
   const Neighbourhood at{posterior.mean, posterior.covariance};
   const MatrixXd more = reduction::most_informative(
       base_.axes, known, candidates, kernel_ ? *kernel_ : reduction::kernel_of_cell(base_.axes, at),
-      k_at_once - static_cast<Index>(points.size()));
+      k_at_once - std::ssize(points));
   for (const auto& p : more.rowwise()) points.push_back(values_of(p.transpose()));
   return points;
 }

@@ -19,7 +19,7 @@ namespace {
 /// The middle of the model's box, or what [select.at] says.
 Eigen::VectorXd reference_point(const Project& project, const reduction::SeparatedModel& model) {
   const std::vector<std::string> names = model.parameter_names();
-  Eigen::VectorXd at(static_cast<Eigen::Index>(names.size()));
+  Eigen::VectorXd at(std::ssize(names));
   for (const auto& [name, value] : project.select.at) {
     if (std::find(names.begin(), names.end(), name) == names.end()) {
       throw project.error_at(
@@ -80,7 +80,7 @@ void set_up_from_data(const Project& project, SelectionSetup& setup) {
   setup.from_data = true;
   setup.noise = m.noise.measurement().is_complete() ? m.noise : m.noise.restricted(kept);
   for (const Eigen::Index i : kept) {
-    setup.candidates.push_back(static_cast<std::size_t>(i));
+    setup.candidates.push_back(i);
     setup.sensors.add(m.sensors.point(setup.candidates.back()),
                       m.sensors.components[setup.candidates.back()]);
   }
@@ -92,7 +92,7 @@ void set_up_from_data(const Project& project, SelectionSetup& setup) {
 void set_up_from_model(const Project& project, SelectionSetup& setup) {
   const reduction::Dofs& dofs = setup.model.contents().dofs;
   setup.candidates = model_candidates(project, dofs);
-  const auto n = static_cast<Eigen::Index>(setup.candidates.size());
+  const auto n = std::ssize(setup.candidates);
   for (const std::size_t dof : setup.candidates) setup.sensors.add(dofs.point(dof), dofs.components[dof]);
   const double otherwise = project.simulate ? project.simulate->noise_std : 1e-6;
   setup.noise = assimilation::NoiseModel::independent(
@@ -125,7 +125,7 @@ SelectionSetup set_up_selection(const Project& project) {
   }
   data ? set_up_from_data(project, setup) : set_up_from_model(project, setup);
   problem.positions = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>(
-      setup.sensors.points.data(), static_cast<Eigen::Index>(setup.sensors.size()), 3);
+      setup.sensors.points.data(), std::ssize(setup.sensors), 3);
   return setup;
 }
 

@@ -54,7 +54,7 @@ MeasuredQuantities measured_quantities(const Project& project,
       throw project.error_at(
           "simulate.noise." + name,
           fmt::format("simulate.noise.{} is no quantity of the model{}", name, did_you_mean(name, names)));
-    measured.dofs.push_back(static_cast<std::size_t>(found - names.begin()));
+    measured.dofs.push_back(found - names.begin());
     measured.std.push_back(std);
   }
   project.require(!measured.dofs.empty(),
@@ -65,8 +65,7 @@ MeasuredQuantities measured_quantities(const Project& project,
 namespace {
 
 Eigen::MatrixXd exact_values(const SimulatedField& simulated, const std::vector<std::size_t>& chosen) {
-  Eigen::MatrixXd exact(static_cast<Eigen::Index>(chosen.size()),
-                        static_cast<Eigen::Index>(simulated.time.size()));
+  Eigen::MatrixXd exact(std::ssize(chosen), std::ssize(simulated.time));
   for (std::size_t t = 0; t < simulated.time.size(); ++t) {
     const std::vector<double> values = simulated.field(t, chosen);
     std::copy(values.begin(), values.end(), exact.col(t).data());
@@ -91,9 +90,9 @@ assimilation::Measurements measured_dofs(const Project& project, const Simulated
 assimilation::Measurements measured_series(const Project& project, const SimulatedField& simulated,
                                            std::uint64_t seed) {
   const auto [chosen, std] = measured_quantities(project, simulated.quantities);
-  assimilation::Measurements m = assimilation::add_noise(
-      simulated.time, exact_values(simulated, chosen),
-      Eigen::Map<const Eigen::VectorXd>(std.data(), static_cast<Eigen::Index>(std.size())), seed);
+  assimilation::Measurements m =
+      assimilation::add_noise(simulated.time, exact_values(simulated, chosen),
+                              Eigen::Map<const Eigen::VectorXd>(std.data(), std::ssize(std)), seed);
   for (std::size_t i = 0; i < chosen.size(); ++i) {
     const Eigen::VectorXd series = m.values.row(i);
     const reduction::Quantity& quantity = simulated.quantities[chosen[i]];

@@ -36,7 +36,7 @@ std::size_t ImportanceProposal::components() const {
 MixtureProduct ImportanceProposal::mixtures() const {
   std::vector<MixtureProduct::Factor> factors;
   for (std::size_t g = 0; g < groups_.size(); ++g) {
-    const auto d = static_cast<Eigen::Index>(groups_[g].size());
+    const auto d = std::ssize(groups_[g]);
     std::vector<MixtureComponent> all = {
         {k_reference_share, Eigen::VectorXd::Zero(d), Eigen::MatrixXd::Identity(d, d)}};
     append(target_[g], 1 - k_reference_share - flat_share_, all);

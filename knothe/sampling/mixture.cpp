@@ -45,7 +45,7 @@ Mixture::Mixture(std::vector<MixtureComponent> components, double tails)
     require_component(c, d);
     total += c.weight;
   }
-  log_factor_.resize(static_cast<Eigen::Index>(components_.size()));
+  log_factor_.resize(std::ssize(components_));
   for (std::size_t k = 0; k < components_.size(); ++k) {
     MixtureComponent& c = components_[k];
     c.weight /= total;
@@ -90,17 +90,17 @@ double Mixture::stretch(RandomNumbers& random) const {
 
 void Mixture::log_densities(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::ArrayXXd& out) const {
   const Eigen::Index n = points.rows(), d = dimension();
-  out.resize(n, static_cast<Eigen::Index>(components_.size()));
+  out.resize(n, std::ssize(components_));
   Eigen::ArrayXd y(k_block);
   for (Eigen::Index begin = 0; begin < n; begin += k_block) {
     const Eigen::Index size = std::min(k_block, n - begin);
     auto whitened = y.head(size);
     for (Eigen::Index k = 0; k < out.cols(); ++k) {
-      const Eigen::MatrixXd& inverse = inverse_[static_cast<std::size_t>(k)];
+      const Eigen::MatrixXd& inverse = inverse_[k];
       auto sum = out.col(k).segment(begin, size);
       sum.setZero();
       for (Eigen::Index j = 0; j < d; ++j) {
-        whitened.setConstant(-whitened_[static_cast<std::size_t>(k)][j]);
+        whitened.setConstant(-whitened_[k][j]);
         for (Eigen::Index a = 0; a <= j; ++a)
           whitened += inverse(j, a) * points.col(a).segment(begin, size).array();
         sum += whitened.square();

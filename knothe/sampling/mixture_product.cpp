@@ -25,7 +25,7 @@ std::vector<int> quarters(const Eigen::VectorXd& values) {
 /// χ² of the 4 × 4 table of counts, divided by their number (Pearson 1904).
 double mean_square_contingency(const std::vector<int>& a, const std::vector<int>& b) {
   std::array<double, 16> counts{};
-  for (std::size_t i = 0; i < a.size(); ++i) counts[static_cast<std::size_t>(4 * a[i] + b[i])] += 1;
+  for (std::size_t i = 0; i < a.size(); ++i) counts[4 * a[i] + b[i]] += 1;
   const double expected = static_cast<double>(a.size()) / 16;
   double sum = 0;
   for (const double count : counts) sum += (count - expected) * (count - expected);
@@ -37,31 +37,28 @@ double mean_square_contingency(const std::vector<int>& a, const std::vector<int>
 MixtureProduct::MixtureProduct(std::vector<Factor> factors) : factors_(std::move(factors)) {
   std::vector<Eigen::Index> all;
   for (const Factor& f : factors_) {
-    if (static_cast<Eigen::Index>(f.coordinates.size()) != f.mixture.dimension())
+    if (std::ssize(f.coordinates) != f.mixture.dimension())
       throw UsageError("mixtures: a factor's coordinates are not as many as its mixture's");
     all.insert(all.end(), f.coordinates.begin(), f.coordinates.end());
   }
   std::sort(all.begin(), all.end());
-  dimension_ = static_cast<Eigen::Index>(all.size());
+  dimension_ = std::ssize(all);
   for (Eigen::Index k = 0; k < dimension_; ++k)
-    if (all[static_cast<std::size_t>(k)] != k)
-      throw UsageError("mixtures: every coordinate must be in one factor");
+    if (all[k] != k) throw UsageError("mixtures: every coordinate must be in one factor");
 }
 
 void MixtureProduct::sample(Eigen::Index n, RandomNumbers& random, Eigen::MatrixXd& points) const {
   points.resize(n, dimension_);
-  std::vector<Eigen::Index> order(static_cast<std::size_t>(n));
+  std::vector<Eigen::Index> order(n);
   std::iota(order.begin(), order.end(), Eigen::Index{0});
   Eigen::MatrixXd own;
   for (std::size_t f = 0; f < factors_.size(); ++f) {
     factors_[f].mixture.sample(n, random, own);
     if (f > 0)
-      for (Eigen::Index i = n - 1; i > 0; --i)
-        std::swap(order[static_cast<std::size_t>(i)], order[static_cast<std::size_t>(random.index(i + 1))]);
+      for (Eigen::Index i = n - 1; i > 0; --i) std::swap(order[i], order[random.index(i + 1)]);
     for (std::size_t k = 0; k < factors_[f].coordinates.size(); ++k) {
       auto column = points.col(factors_[f].coordinates[k]);
-      for (Eigen::Index i = 0; i < n; ++i)
-        column[i] = own(order[static_cast<std::size_t>(i)], static_cast<Eigen::Index>(k));
+      for (Eigen::Index i = 0; i < n; ++i) column[i] = own(order[i], static_cast<Eigen::Index>(k));
     }
   }
 }
@@ -78,7 +75,7 @@ void MixtureProduct::log_density(const Eigen::Ref<const Eigen::MatrixXd>& points
 
 Eigen::MatrixXd columns_of(const Eigen::Ref<const Eigen::MatrixXd>& points,
                            const std::vector<Eigen::Index>& columns) {
-  Eigen::MatrixXd some(points.rows(), static_cast<Eigen::Index>(columns.size()));
+  Eigen::MatrixXd some(points.rows(), std::ssize(columns));
   for (std::size_t k = 0; k < columns.size(); ++k)
     some.col(static_cast<Eigen::Index>(k)) = points.col(columns[k]);
   return some;
@@ -94,10 +91,8 @@ std::vector<std::vector<Eigen::Index>> dependent_groups(
     for (Eigen::Index k = 0; k < d; ++k) quarter.back().push_back(quarters(sample.col(k)));
   }
   const auto depend = [&](Eigen::Index a, Eigen::Index b) {
-    return std::any_of(quarter.begin(), quarter.end(), [&](const auto& of) {
-      return mean_square_contingency(of[static_cast<std::size_t>(a)], of[static_cast<std::size_t>(b)]) >
-             k_dependent;
-    });
+    return std::any_of(quarter.begin(), quarter.end(),
+                       [&](const auto& of) { return mean_square_contingency(of[a], of[b]) > k_dependent; });
   };
   std::vector<std::vector<Eigen::Index>> groups;
   for (Eigen::Index k = 0; k < d; ++k) {

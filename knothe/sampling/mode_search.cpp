@@ -98,13 +98,13 @@ void ModeSearch::scan(CheckedDensity& target, bool wide) {
 
 /// The four points next to each of the near ones, itself left out.
 void ModeSearch::find_neighbours() {
-  neighbours_.resize(static_cast<std::size_t>(near_count_));
+  neighbours_.resize(near_count_);
   for (Eigen::Index i = 0; i < near_count_; ++i) {
     const Eigen::VectorXd distances =
         (scan_points_.topRows(near_count_).rowwise() - scan_points_.row(i)).rowwise().squaredNorm();
     std::vector<Eigen::Index> order(neighbours_.size());
     std::iota(order.begin(), order.end(), Eigen::Index{0});
-    auto& nearest = neighbours_[static_cast<std::size_t>(i)];
+    auto& nearest = neighbours_[i];
     std::partial_sort(order.begin(), order.begin() + nearest.size() + 1, order.end(),
                       [&](Eigen::Index a, Eigen::Index b) { return distances[a] < distances[b]; });
     std::copy_n(order.begin() + 1, nearest.size(), nearest.begin());
@@ -116,7 +116,7 @@ void ModeSearch::choose_starts(bool several) {
   const auto is_better = [&](Eigen::Index a, Eigen::Index b) {
     return scan_values_[a] > scan_values_[b] || (scan_values_[a] == scan_values_[b] && a < b);
   };
-  order_.resize(static_cast<std::size_t>(n));
+  order_.resize(n);
   std::iota(order_.begin(), order_.end(), Eigen::Index{0});
   std::sort(order_.begin(), order_.end(), is_better);
   starts_.assign(1, order_.front());
@@ -129,7 +129,7 @@ void ModeSearch::choose_starts(bool several) {
   for (const Eigen::Index i : order_) {
     if (!std::isfinite(scan_values_[i]) || starts_.size() == most) break;
     if (i == starts_.front() || i >= near_count_) continue;
-    const auto& nearest = neighbours_[static_cast<std::size_t>(i)];
+    const auto& nearest = neighbours_[i];
     if (std::none_of(nearest.begin(), nearest.end(), [&](Eigen::Index k) { return is_better(k, i); }))
       starts_.push_back(i);
   }
@@ -140,7 +140,7 @@ void ModeSearch::choose_starts(bool several) {
 /// maximum.
 bool ModeSearch::newton_step(Eigen::Index i) {
   const Eigen::Index d = position_.cols();
-  Climber& climber = climbers_[static_cast<std::size_t>(i)];
+  Climber& climber = climbers_[i];
   for (Eigen::Index a = 0; a < d; ++a) {
     const double curvature = std::abs(hessian_(i, packed_index(a, a))), slope = std::abs(gradient_(i, a));
     const double inverse = std::max(std::sqrt(curvature), slope / climber.reach);
@@ -186,7 +186,7 @@ bool ModeSearch::newton_step(Eigen::Index i) {
 bool ModeSearch::rescale(Eigen::Index i, Eigen::Index row, const CheckedDensity& target) {
   constexpr int k_max_refits = 24;
   const int own = target.available_derivatives();
-  Climber& climber = climbers_[static_cast<std::size_t>(i)];
+  Climber& climber = climbers_[i];
   if (own >= 2) return false;
   bool again = false;
   for (Eigen::Index a = 0; a < position_.cols(); ++a) {
@@ -209,7 +209,7 @@ bool ModeSearch::rescale(Eigen::Index i, Eigen::Index row, const CheckedDensity&
 }
 
 void ModeSearch::accept(Eigen::Index i, Eigen::Index row) {
-  Climber& climber = climbers_[static_cast<std::size_t>(i)];
+  Climber& climber = climbers_[i];
   const double value = batch_.value[row];
   if ((climber.fresh && std::isfinite(value)) || climber.refit || value > climber.value ||
       (value == climber.value && climber.damping == 0)) {
@@ -244,10 +244,10 @@ void ModeSearch::ascend(CheckedDensity& target) {
   while (true) {
     batch_of_.clear();
     for (Eigen::Index i = 0; i < m; ++i)
-      if (climbers_[static_cast<std::size_t>(i)].active) batch_of_.push_back(i);
+      if (climbers_[i].active) batch_of_.push_back(i);
     if (batch_of_.empty()) return;
-    batch_points_.resize(static_cast<Eigen::Index>(batch_of_.size()), d);
-    batch_scales_.resize(static_cast<Eigen::Index>(batch_of_.size()), d);
+    batch_points_.resize(std::ssize(batch_of_), d);
+    batch_scales_.resize(std::ssize(batch_of_), d);
     for (std::size_t r = 0; r < batch_of_.size(); ++r) {
       batch_points_.row(static_cast<Eigen::Index>(r)) = trial_.row(batch_of_[r]);
       batch_scales_.row(static_cast<Eigen::Index>(r)) = scales_.row(batch_of_[r]);
@@ -255,7 +255,7 @@ void ModeSearch::ascend(CheckedDensity& target) {
     target.evaluate_with_differences(batch_points_, 2, batch_scales_, batch_);
     for (std::size_t r = 0; r < batch_of_.size(); ++r) {
       const Eigen::Index i = batch_of_[r], row = static_cast<Eigen::Index>(r);
-      Climber& climber = climbers_[static_cast<std::size_t>(i)];
+      Climber& climber = climbers_[i];
       const bool better = climber.fresh || climber.refit || batch_.value[row] > climber.value;
       accept(i, row);
       climber.refit = false;
@@ -316,8 +316,8 @@ void ModeSearch::collect(CheckedDensity& target, std::vector<Mode>& modes) {
     return distance.norm() < 0.05 + std::min(1.0, 1e-6 * known.point.norm());
   };
   for (Eigen::Index i = 0; i < position_.rows(); ++i) {
-    if (climbers_[static_cast<std::size_t>(i)].fresh) continue;
-    const double value = climbers_[static_cast<std::size_t>(i)].value;
+    if (climbers_[i].fresh) continue;
+    const double value = climbers_[i].value;
     Mode mode{position_.row(i).transpose(), value, Eigen::MatrixXd(), 0};
     // The same mode as one that is already there, if it is near by the measure of that one's own spread.
     if (std::any_of(modes.begin(), modes.end(), [&](const Mode& known) { return same(known, mode); }))
@@ -350,7 +350,7 @@ void ModeSearch::run(CheckedDensity& target, bool several, std::vector<Mode>& mo
         "the parameters so that the mass is near 0",
         scan_values_.size() - 1));
   choose_starts(several);
-  trial_.resize(static_cast<Eigen::Index>(starts_.size()), target.dimension());
+  trial_.resize(std::ssize(starts_), target.dimension());
   for (std::size_t i = 0; i < starts_.size(); ++i)
     trial_.row(static_cast<Eigen::Index>(i)) = scan_points_.row(starts_[i]);
   modes.clear();

@@ -32,12 +32,11 @@ constexpr double k_widened = 2;
 constexpr double k_counting_mode = 5;
 
 Eigen::MatrixXd symmetric(const LogDensityBatch& batch, Index row, const std::vector<Index>& variables) {
-  const auto n = static_cast<Index>(variables.size());
+  const auto n = std::ssize(variables);
   Eigen::MatrixXd matrix(n, n);
   for (Index a = 0; a < n; ++a)
     for (Index b = 0; b <= a; ++b)
-      matrix(a, b) = matrix(b, a) = batch.hessian(
-          row, packed_index(variables[static_cast<std::size_t>(a)], variables[static_cast<std::size_t>(b)]));
+      matrix(a, b) = matrix(b, a) = batch.hessian(row, packed_index(variables[a], variables[b]));
   return matrix;
 }
 
@@ -55,7 +54,7 @@ std::vector<Index> variables_that_bend(CheckedDensity& target, const Mode& mode)
   }
   LogDensityBatch batch;
   target.evaluate_with_differences(points, 2, spread.transpose().replicate(points.rows(), 1), batch);
-  std::vector<Index> all(static_cast<std::size_t>(d));
+  std::vector<Index> all(d);
   std::iota(all.begin(), all.end(), Index{0});
   const Eigen::MatrixXd here = symmetric(batch, 2 * d, all);
   Eigen::VectorXd bending = Eigen::VectorXd::Zero(d);
@@ -66,8 +65,8 @@ std::vector<Index> variables_that_bend(CheckedDensity& target, const Mode& mode)
   const Index most = std::min(k_max_first, d - 1);
   const double least = std::max(k_bending, k_bending_share * bending.maxCoeff());
   Index count = 1;
-  while (count < most && bending[all[static_cast<std::size_t>(count)]] > least) ++count;
-  all.resize(static_cast<std::size_t>(count));
+  while (count < most && bending[all[count]] > least) ++count;
+  all.resize(count);
   std::sort(all.begin(), all.end());
   return all;
 }
@@ -95,7 +94,7 @@ class MarginalDensity final : public LogDensity {
     spread_ = covariance.diagonal().cwiseSqrt();
   }
 
-  [[nodiscard]] Index dimension() const override { return static_cast<Index>(first_.size()); }
+  [[nodiscard]] Index dimension() const override { return std::ssize(first_); }
   [[nodiscard]] int available_derivatives() const override { return 0; }
   [[nodiscard]] const std::vector<Index>& first() const { return first_; }
   [[nodiscard]] const std::vector<Index>& rest() const { return rest_; }
@@ -104,7 +103,7 @@ class MarginalDensity final : public LogDensity {
     for (Index begin = 0; begin < u.rows(); begin += k_block) {
       const Index n = std::min(k_block, u.rows() - begin);
       const auto given = conditionals(u.middleRows(begin, n));
-      for (Index i = 0; i < n; ++i) out.value[begin + i] = given[static_cast<std::size_t>(i)].log_marginal;
+      for (Index i = 0; i < n; ++i) out.value[begin + i] = given[i].log_marginal;
     }
   }
 
@@ -126,11 +125,11 @@ class MarginalDensity final : public LogDensity {
     points(Eigen::all, rest_) =
         ((theta.rowwise() - first_mode_.transpose()) * regression_.transpose()).rowwise() +
         rest_mode_.transpose();
-    std::vector<Conditional> found(static_cast<std::size_t>(n));
-    std::vector<Ascent> ascents(static_cast<std::size_t>(n));
-    std::vector<Index> active(static_cast<std::size_t>(n));
+    std::vector<Conditional> found(n);
+    std::vector<Ascent> ascents(n);
+    std::vector<Index> active(n);
     std::iota(active.begin(), active.end(), Index{0});
-    for (Index i = 0; i < n; ++i) ascents[static_cast<std::size_t>(i)].next = points(i, rest_).transpose();
+    for (Index i = 0; i < n; ++i) ascents[i].next = points(i, rest_).transpose();
     const CheckedDensity::Leniency lenient(target_);
     for (int step = 0; step < k_max_steps && !active.empty(); ++step) {
       const Eigen::MatrixXd here = points(active, Eigen::all);
@@ -193,13 +192,13 @@ class MarginalDensity final : public LogDensity {
 /// log of the weights π̄(θ, x)/(π̃(θ) q(x | θ)); the points (n × d) are drawn into `points`.
 Eigen::VectorXd draw_others(CheckedDensity& target, MarginalDensity& marginal, const Eigen::MatrixXd& u,
                             RandomNumbers& random, Eigen::MatrixXd& points) {
-  const auto q = static_cast<Index>(marginal.rest().size());
+  const auto q = std::ssize(marginal.rest());
   const std::vector<Conditional> given = marginal.conditionals(u);
   Eigen::VectorXd log_weight(u.rows());
   points.resize(u.rows(), target.dimension());
   points(Eigen::all, marginal.first()) = marginal.first_of(u);
   for (Index i = 0; i < u.rows(); ++i) {
-    const Conditional& c = given[static_cast<std::size_t>(i)];
+    const Conditional& c = given[i];
     log_weight[i] = -k_infinity;
     if (!std::isfinite(c.log_marginal)) {  // has no weight: anywhere
       points(i, marginal.rest()).setZero();

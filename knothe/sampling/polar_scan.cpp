@@ -88,8 +88,7 @@ std::vector<Eigen::Index> PolarScan::sample(Eigen::Index count) const {
   double cumulative = 0.5;
   for (Eigen::Index i = 0; i < mass.size(); ++i) {
     cumulative += static_cast<double>(count) * mass[i];
-    for (; cumulative >= 1 && static_cast<Eigen::Index>(chosen.size()) < count; cumulative -= 1)
-      chosen.push_back(i);
+    for (; cumulative >= 1 && std::ssize(chosen) < count; cumulative -= 1) chosen.push_back(i);
   }
   return chosen;
 }

@@ -33,7 +33,7 @@ double log_sum(double a, double b) {
 }
 
 MixtureProduct of_all(const Mixture& mixture) {
-  std::vector<Eigen::Index> all(static_cast<std::size_t>(mixture.dimension()));
+  std::vector<Eigen::Index> all(mixture.dimension());
   std::iota(all.begin(), all.end(), Eigen::Index{0});
   return MixtureProduct({{all, mixture}});
 }

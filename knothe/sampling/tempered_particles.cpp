@@ -62,8 +62,8 @@ void TemperedParticles::run() {
     throw NumericalError(fmt::format(
         "smc: the density is zero at all {} first particles; give a centre and a spread where its mass is",
         n_));
-  ancestor_.resize(static_cast<std::size_t>(n_));
-  changes_.resize(static_cast<std::size_t>(d_));
+  ancestor_.resize(n_);
+  changes_.resize(d_);
   std::iota(ancestor_.begin(), ancestor_.end(), Eigen::Index{0});
   log_scale_ = std::log(2.38 / std::sqrt(2.0 * static_cast<double>(d_)));
   temperatures_.assign(1, 0.0);
@@ -119,14 +119,14 @@ void TemperedParticles::reweigh_and_resample(double next) {
     points_.row(i) = old_points.row(source);
     log_target_[i] = old_target[source];
     log_reference_[i] = old_reference[source];
-    ancestor_[static_cast<std::size_t>(i)] = old_ancestor[static_cast<std::size_t>(source)];
+    ancestor_[i] = old_ancestor[source];
     position += 1 / static_cast<double>(n_);
   }
 }
 
 void TemperedParticles::estimate_error(const Eigen::VectorXd& weights) {
   Eigen::VectorXd family = Eigen::VectorXd::Zero(n_);
-  for (Eigen::Index i = 0; i < n_; ++i) family[ancestor_[static_cast<std::size_t>(i)]] += weights[i];
+  for (Eigen::Index i = 0; i < n_; ++i) family[ancestor_[i]] += weights[i];
   // Relative variance of the evidence: Σ over families of their squared share, less what equal families of
   // one would have; the factor makes up for the pairs that resampling excludes (Lee, Whiteley 2018, Eq. 4).
   // That is for independent resampling; systematic resampling scatters less, so that the estimate may even be
@@ -148,10 +148,9 @@ double TemperedParticles::mean_squared_jump() const {
 /// al. 2009): parameters that the data do not couple go their own ways.
 Eigen::Index TemperedParticles::choose_coordinates(double probability) {
   Eigen::Index count = 0;
-  for (Eigen::Index k = 0; k < d_; ++k)
-    count += changes_[static_cast<std::size_t>(k)] = random_.uniform() < probability;
+  for (Eigen::Index k = 0; k < d_; ++k) count += changes_[k] = random_.uniform() < probability;
   if (count > 0) return count;
-  changes_[static_cast<std::size_t>(random_.index(d_))] = true;
+  changes_[random_.index(d_)] = true;
   return 1;
 }
 
@@ -170,7 +169,7 @@ void TemperedParticles::propose(Eigen::Index begin, Eigen::Index partners, bool 
                           (1 + 0.4 * (random_.uniform() - 0.5));
     for (Eigen::Index k = 0; k < d_; ++k) {
       proposal_(i, k) = points_(begin + i, k);
-      if (changes_[static_cast<std::size_t>(k)])
+      if (changes_[k])
         proposal_(i, k) += length * (points_(partners + a, k) - points_(partners + b, k)) +
                            3e-3 * whitener_(k, k) * (random_.uniform() - 0.5);
     }
@@ -232,8 +231,7 @@ void TemperedParticles::go_on(int moves) {
 double TemperedParticles::effective_size() const {
   const Eigen::RowVectorXd mean = points_.colwise().mean();
   Eigen::MatrixXd family = Eigen::MatrixXd::Zero(n_, d_);
-  for (Eigen::Index i = 0; i < n_; ++i)
-    family.row(ancestor_[static_cast<std::size_t>(i)]) += points_.row(i) - mean;
+  for (Eigen::Index i = 0; i < n_; ++i) family.row(ancestor_[i]) += points_.row(i) - mean;
   const double n = static_cast<double>(n_);
   double least = n;
   for (Eigen::Index k = 0; k < d_; ++k) {

@@ -78,7 +78,7 @@ void thin(Eigen::MatrixXd& points, Eigen::VectorXd& weights, Eigen::Index count,
   double rest = weights.sum(), limit = 0;
   for (Eigen::Index k = 0; k < count; ++k) {
     limit = rest / static_cast<double>(count - k);
-    const double heaviest = sorted[static_cast<std::size_t>(k)];
+    const double heaviest = sorted[k];
     if (heaviest <= limit) break;
     rest -= heaviest;
   }
@@ -115,7 +115,7 @@ void sort_along_curve(Eigen::MatrixXd& points, Eigen::VectorXd& weights) {
           static_cast<std::uint64_t>(std::min(place, 0.9999999) * std::exp2(static_cast<double>(bits)));
       for (Eigen::Index b = 0; b < bits; ++b) key |= (cell >> b & 1U) << (b * d + k);
     }
-    keys[static_cast<std::size_t>(i)] = {key, i};
+    keys[i] = {key, i};
   }
   std::sort(keys.begin(), keys.end());
   std::vector<Eigen::Index> order;

@@ -87,7 +87,7 @@ void ModelBias::add(double time, Eigen::VectorXd mean, const Eigen::VectorXd& pr
     error_.topLeftCorner(turned.rows(), turned.cols()) = turned;
   }
   times_.push_back(time);
-  if (static_cast<Eigen::Index>(times_.size()) > k_window) times_.erase(times_.begin());
+  if (std::ssize(times_) > k_window) times_.erase(times_.begin());
   if (options_.way == BiasOptions::Way::pointwise) {
     two_.emplace_back(std::move(mean), std::move(std));
     if (two_.size() > 2) two_.pop_front();

@@ -192,7 +192,7 @@ void read_beside(const Hdf5Reader& file, Measurements& m) {
       m.truth[name] = file.read("/truth/" + name, Shape{1})[0];
   }
   if (m.values.rows() == 0) {  // quantities alone
-    m.values.resize(0, static_cast<Eigen::Index>(m.time.size()));
+    m.values.resize(0, std::ssize(m.time));
     m.noise = NoiseModel::independent(Eigen::VectorXd());
   }
 }

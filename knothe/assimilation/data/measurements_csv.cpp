@@ -69,7 +69,7 @@ std::vector<std::string> names_of(const std::map<std::pair<std::string, int>, Se
   std::vector<std::string> names(are_numbers ? 0 : sensors.size());
   for (const auto& [key, sensor] : sensors)
     if (!are_numbers)
-      names[static_cast<std::size_t>(sensor.index)] =
+      names[sensor.index] =
           components[key.first] == 1 ? key.first : fmt::format("{} {}", key.first, "xyz"[key.second]);
   return names;
 }
@@ -113,8 +113,8 @@ Measurements read_measurements_csv(const std::string& path) {
       if (std::isnan(coordinate)) table.fail(row, column, "a number is needed here");
     }
     if (!(std[row] > 0)) table.fail(row, "std", "a standard deviation is positive");
-    const auto [it, is_new] = sensors.try_emplace(
-        {name[row], c}, Sensor{static_cast<Eigen::Index>(sensors.size()), x[row], y[row], z[row], std[row]});
+    const auto [it, is_new] =
+        sensors.try_emplace({name[row], c}, Sensor{std::ssize(sensors), x[row], y[row], z[row], std[row]});
     const Sensor& sensor = it->second;
     if (is_new) in_order.emplace_back(&sensor, c);
     if (sensor.x != x[row] || sensor.y != y[row] || sensor.z != z[row]) {
@@ -130,8 +130,8 @@ Measurements read_measurements_csv(const std::string& path) {
   Measurements m;
   m.time = times;
   m.series = std::move(series);
-  const auto n_obs = static_cast<Eigen::Index>(sensors.size());
-  m.values.setConstant(n_obs, static_cast<Eigen::Index>(times.size()), k_nan);
+  const auto n_obs = std::ssize(sensors);
+  m.values.setConstant(n_obs, std::ssize(times), k_nan);
   Eigen::MatrixXi lines = Eigen::MatrixXi::Zero(n_obs, m.values.cols());
   for (std::size_t row = 0; row < table.row_count(); ++row) {
     if (of_row[row].first == nullptr) continue;

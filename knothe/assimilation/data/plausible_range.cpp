@@ -24,7 +24,7 @@ constexpr std::size_t k_rows_of_a_kind = 256;
 std::vector<Rows> kinds_of(const reduction::Sensors& sensors) {
   std::vector<Rows> kinds(3);
   for (std::size_t i = 0; i < sensors.displacement_count(); ++i)
-    kinds.at(static_cast<std::size_t>(sensors.components[i])).push_back(static_cast<Index>(i));
+    kinds.at(sensors.components[i]).push_back(static_cast<Index>(i));
   for (std::size_t i = sensors.displacement_count(); i < sensors.size(); ++i)
     kinds.push_back({static_cast<Index>(i)});
   return kinds;

@@ -70,8 +70,7 @@ std::vector<std::size_t> choose_dofs(const reduction::Dofs& dofs, const DofSelec
     const std::size_t left = candidates.size() - k;
     const std::size_t pick = k + static_cast<std::size_t>(uniform(random) * static_cast<double>(left));
     std::swap(candidates[k], candidates[pick]);
-    for (int component : selection.components)
-      chosen.push_back(static_cast<std::size_t>(candidates[k][component]));
+    for (int component : selection.components) chosen.push_back(candidates[k][component]);
   }
   return chosen;
 }

@@ -27,7 +27,7 @@ void factorise(Factor& factor, const Sparse& matrix) {
 
 /// The matrix that takes the rows `kept` out of a vector, transposed: n × number of rows.
 Sparse selection(Eigen::Index n, const std::vector<Eigen::Index>& kept) {
-  Sparse s(n, static_cast<Eigen::Index>(kept.size()));
+  Sparse s(n, std::ssize(kept));
   s.reserve(Eigen::VectorXi::Ones(s.cols()));
   for (std::size_t j = 0; j < kept.size(); ++j) s.insert(kept[j], static_cast<Eigen::Index>(j)) = 1;
   s.makeCompressed();
@@ -189,7 +189,7 @@ void GaussianNoise::apply(const reduction::RowMatrix& x, reduction::RowMatrix& o
 }
 
 GaussianNoise GaussianNoise::restricted(const std::vector<Eigen::Index>& kept) const {
-  const auto n_kept = static_cast<Eigen::Index>(kept.size());
+  const auto n_kept = std::ssize(kept);
   GaussianNoise noise;
   noise.size_ = n_kept;
   if (is_independent()) {

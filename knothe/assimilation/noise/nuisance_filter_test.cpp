@@ -378,7 +378,7 @@ TEST(LastingError, IndependentNoiseBesideIt) {
                                .with_lasting_errors(lasting_errors());
   expect_is_the_joint_gaussian(noise, data, model);
   EXPECT_TRUE(links_steps(noise));
-  EXPECT_EQ(noise.restricted({1, 4}).lasting_error(2).row(1), noise.lasting_error(2).row(4));
+  EXPECT_EQ(noise.restricted({1, 4}).lasting_error(2)->row(1), noise.lasting_error(2)->row(4));
 }
 
 TEST(ScaleError, RegionsCoverOnlyIfItIsRemembered) {

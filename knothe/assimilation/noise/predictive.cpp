@@ -32,7 +32,7 @@ Eigen::VectorXd log_likelihoods(const Eigen::Ref<const Eigen::MatrixXd>& predict
   std::vector<Eigen::Index> present;
   for (Eigen::Index i = 0; i < values.size(); ++i)
     if (!std::isnan(values[i]) && noise.is_measured(i)) present.push_back(i);
-  const auto n = static_cast<Eigen::Index>(present.size());
+  const auto n = std::ssize(present);
   if (n == 0) return Eigen::VectorXd::Zero(predictions.cols());
   const bool all = n == noise.size() && noise.is_complete();
   const GaussianNoise seen = all ? noise : noise.restricted(present);

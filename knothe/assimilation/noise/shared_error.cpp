@@ -114,7 +114,7 @@ StepForm SharedError::condition(const ProjectedDatum& datum, MovedForm* moved) {
   const Eigen::MatrixXd columns = innovation(datum, moved != nullptr, standing);
   Conditional given = diagonal ? condition_diagonal(group, columns) : condition_sparse(kind, columns);
 
-  std::vector<Eigen::Index> all(static_cast<std::size_t>(columns.cols() - 1));
+  std::vector<Eigen::Index> all(columns.cols() - 1);
   std::iota(all.begin(), all.end(), 1);
   if (moved != nullptr) moved->form = form_of(given.product, all, used, given.log_determinant);
   all.erase(all.begin() + r, all.end() - datum.extra.cols());
@@ -163,7 +163,7 @@ void SharedError::choose_moved(const Kind& mine, MovedForm& moved, std::vector<c
       standing[last] = &kinds_[i];
     }
   }
-  moved.groups = static_cast<Eigen::Index>(standing.size());
+  moved.groups = std::ssize(standing);
   moved.group = std::min(static_cast<Eigen::Index>(&mine - kinds_.data()), k_max_moved_groups - 1);
 }
 

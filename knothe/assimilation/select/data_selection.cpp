@@ -41,7 +41,7 @@ class SensorDesign::Progress {
         variance_(design.noise_std_.cwiseAbs2()),
         d_(design.dimension_),
         pairs_(d_ * (d_ + 1) / 2),
-        products_(design.rows_.rows(), pairs_ * static_cast<Eigen::Index>(design.width_.size())) {
+        products_(design.rows_.rows(), pairs_ * std::ssize(design.width_)) {
     information_.assign(design.width_.size(), Eigen::MatrixXd::Identity(d_, d_));
     log_det_.assign(information_.size(), 0.0);
     if (design.covariance_) rows_ = design.rows_;
@@ -174,8 +174,7 @@ SensorDesign::~SensorDesign() = default;
 void SensorDesign::add_point(const reduction::ObservedModel& model, const NoiseModel& noise,
                              const Eigen::VectorXd& prior_std, const Eigen::VectorXd& p) {
   const auto& functions = *model.functions;
-  const Eigen::Index d = dimension_, l = model.space.cols(),
-                     n_t = static_cast<Eigen::Index>(model.core.size());
+  const Eigen::Index d = dimension_, l = model.space.cols(), n_t = std::ssize(model.core);
   reduction::FunctionBatch batch;
   batch.resize(1, d, functions.count(), 1);
   functions.evaluate(p.transpose(), 1, batch);
@@ -255,7 +254,7 @@ Selection SensorDesign::along(const std::vector<Eigen::Index>& order) const {
 }
 
 Eigen::MatrixXd prior_points(const std::vector<Prior>& priors, Eigen::Index count) {
-  const auto d = static_cast<Eigen::Index>(priors.size());
+  const auto d = std::ssize(priors);
   Eigen::MatrixXd z = Eigen::MatrixXd::Zero(count, d);
   if (count > 1) z.bottomRows(count - 1) = numerics::sobol_normal_points(count - 1, d, 1);
   for (Eigen::Index i = 0; i < count; ++i) {

@@ -26,7 +26,7 @@ VectorXd linear_posterior_shift(const MatrixXd& information, const VectorXd& pri
 }
 
 ExpectedShift::ExpectedShift(std::vector<Prior> priors, Index truths, std::uint64_t seed)
-    : priors_(std::move(priors)), variance_(static_cast<Index>(priors_.size())) {
+    : priors_(std::move(priors)), variance_(std::ssize(priors_)) {
   if (priors_.empty() || truths < 1)
     throw UsageError("expected shift: at least one parameter and one truth are needed");
   constexpr Index k_samples = 4096;  // of a scrambled net in one dimension: the variance to some digits

@@ -22,7 +22,7 @@ std::vector<double> as_vector(const VectorXd& p) {
 }
 
 VectorXd as_eigen(const std::vector<double>& p) {
-  return Eigen::Map<const VectorXd>(p.data(), static_cast<Index>(p.size()));
+  return Eigen::Map<const VectorXd>(p.data(), std::ssize(p));
 }
 
 /// The rows of `more` below those of `matrix`.

@@ -46,7 +46,7 @@ Eigen::VectorXd sensitivity_score(const Eigen::MatrixXd& weighted, SensitivityCr
 std::vector<Eigen::Index> highest(const Eigen::VectorXd& score, std::size_t count,
                                   const Eigen::Ref<const Eigen::Matrix<double, Eigen::Dynamic, 3>>& points,
                                   double min_distance) {
-  std::vector<Eigen::Index> order(static_cast<std::size_t>(score.size())), chosen;
+  std::vector<Eigen::Index> order(score.size()), chosen;
   std::iota(order.begin(), order.end(), Eigen::Index{0});
   std::stable_sort(order.begin(), order.end(),
                    [&](Eigen::Index a, Eigen::Index b) { return score[a] > score[b]; });

@@ -137,8 +137,7 @@ Eigen::VectorXd CollapsedLogDensity::component_shares(const Eigen::Ref<const Eig
   const auto count = static_cast<Eigen::Index>(count_);
   Eigen::ArrayXXd value(p.rows(), count);
   for (Eigen::Index k = 0; k < count; ++k) {
-    components_[static_cast<std::size_t>(k)].likelihood->evaluate(p, 0, next.value, next.gradient,
-                                                                  next.hessian);
+    components_[k].likelihood->evaluate(p, 0, next.value, next.gradient, next.hessian);
     value.col(k) = next.value;
   }
   return shares_of(std::move(value), weights);
@@ -148,8 +147,7 @@ Eigen::VectorXd CollapsedLogDensity::component_shares(std::span<const reduction:
                                                       const Eigen::Ref<const Eigen::VectorXd>& weights) {
   const auto count = static_cast<Eigen::Index>(count_);
   Eigen::ArrayXXd value(weights.size(), count);
-  for (Eigen::Index k = 0; k < count; ++k)
-    evaluate_component(components_[static_cast<std::size_t>(k)], runs, value.col(k).matrix());
+  for (Eigen::Index k = 0; k < count; ++k) evaluate_component(components_[k], runs, value.col(k).matrix());
   return shares_of(std::move(value), weights);
 }
 

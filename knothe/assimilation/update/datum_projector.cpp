@@ -35,7 +35,7 @@ DatumProjector::DatumProjector(std::shared_ptr<const reduction::ObservedModel> m
     : model_(std::move(model)), noise_(std::move(noise)) {
   const auto& functions = *model_->functions;
   const Eigen::Index n = model_->space.rows();
-  const auto n_t = static_cast<Eigen::Index>(model_->time.size());
+  const auto n_t = std::ssize(model_->time);
   assert(noise_.size() == n && centre.size() == functions.dimension());
   reduction::FunctionBatch batch;
   batch.resize(1, functions.dimension(), functions.count(), 0);
@@ -95,13 +95,13 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
     const Eigen::MatrixXd* lasting = noise_.lasting_error(step);
     form = nuisances_->condition(group_of(step), model_->core[time_index], residual, predicted, lasting,
                                  noise_.step_error(step), moved);
-  } else if (static_cast<Eigen::Index>(kept_.size()) == values.size() && !has_own_noise(noise_, step)) {
+  } else if (std::ssize(kept_) == values.size() && !has_own_noise(noise_, step)) {
     project_complete(time_index, form);
   } else {
     group_of(step).project(model_->core[time_index], residual_(kept_), 1, {}, form);
   }
   require_finite(form, values);
-  form.used = static_cast<Eigen::Index>(kept_.size());
+  form.used = std::ssize(kept_);
   form.missing = observation_count() - form.used;
   if (moved != nullptr) {
     moved->form.used = form.used;
@@ -116,7 +116,7 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
   residual_ = values - predicted_.col(time_index) - correction.mean;
   find_measured(step, values);
   form = StepForm::zero(central_.size());
-  form.used = static_cast<Eigen::Index>(kept_.size());
+  form.used = std::ssize(kept_);
   form.missing = observation_count() - form.used;
   if (kept_.empty()) return;
   // Divided by the scale S, the noise is R again. All columns that R⁻¹ is applied to, in one pass:
@@ -130,7 +130,7 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
   columns_.resize(form.used, width);
   const Eigen::VectorXd scale = correction.scale(kept_);
   for (Eigen::Index row = 0; row < form.used; ++row) {
-    const Eigen::Index dof = kept_[static_cast<std::size_t>(row)];
+    const Eigen::Index dof = kept_[row];
     const double down = 1 / scale[row];
     auto out = columns_.row(row);
     out.head(modes) = down * rows.row(row);

@@ -62,8 +62,8 @@ struct Grid {
       : first(from), spacing(step) {
     for (Index k = 0; k < 3; ++k) {
       const double intervals = std::ceil(std::min((to[k] - from[k]) / step[k], 1e9) - 1e-9);
-      nodes[static_cast<std::size_t>(k)] = static_cast<Index>(intervals) + 1;
-      count = std::max(count, nodes[static_cast<std::size_t>(k)]);
+      nodes[k] = static_cast<Index>(intervals) + 1;
+      count = std::max(count, nodes[k]);
     }
     count = (count + k_segment - 1) / k_segment * k_segment;
   }
@@ -130,7 +130,7 @@ class GridDensity {
     std::partial_sort(maxima.begin(), maxima.begin() + kept, maxima.end(), [&](Index a, Index b) {
       return values[a] > values[b] || (values[a] == values[b] && a < b);
     });
-    maxima.resize(static_cast<std::size_t>(kept));
+    maxima.resize(kept);
     search.ascend_from(checked_, reduction::nodes_of(axes_, runs)(maxima, Eigen::all), modes);
   }
   static bool is_local_maximum(const Eigen::VectorXd& values, Index node, Index n) {
@@ -203,7 +203,7 @@ class Fill {
 
   void want(Index plane, Index line, Index segment) {
     const Index id = (plane * lines_ + line) * segments_ + segment;
-    char& seen = seen_[static_cast<std::size_t>(id)];
+    char& seen = seen_[id];
     if (seen != 0) return;
     seen = 1;
     wanted_.push_back(id);
@@ -222,14 +222,14 @@ class Fill {
     for (const Index id : wave_) append(run_of(id, size_of(runs_)));
     target_.evaluate(runs_, values_);
     top_ = std::max(top_, values_.maxCoeff());
-    const auto old = static_cast<Index>(all_values_.size());
+    const auto old = std::ssize(all_values_);
     all_values_.insert(all_values_.end(), values_.data(), values_.data() + values_.size());
     for (std::size_t i = 0; i < wave_.size(); ++i) {
       const Index at = old + static_cast<Index>(i) * length_;
       found_.push_back({wave_[i], at});
       want_neighbours(wave_[i], all_values_.data() + at);
     }
-    too_many_ = static_cast<Index>(all_values_.size()) > max_nodes_;
+    too_many_ = std::ssize(all_values_) > max_nodes_;
   }
   void want_neighbours(Index id, const double* value) {
     const double floor = mask_floor(top_);
@@ -262,7 +262,7 @@ class Fill {
   void gather() {
     std::sort(found_.begin(), found_.end(), [](const Found& a, const Found& b) { return a.id < b.id; });
     runs_.clear();
-    values_.resize(static_cast<Index>(found_.size()) * length_);
+    values_.resize(std::ssize(found_) * length_);
     for (Index at = 0; const Found& f : found_) {
       append(run_of(f.id, at));
       std::copy_n(all_values_.data() + f.at, length_, values_.data() + at);
@@ -352,8 +352,7 @@ QuadraturePosterior integrate(const Grid& grid, const std::vector<GridRun>& runs
   for (Index k = 0; k < 3; ++k) {
     result.moment_change = std::max(result.moment_change, all.change_from(half, k));
     result.line_change = std::max(result.line_change, line_change(all, k));
-    result.mass_at_border +=
-        (all.mass(0, k) + all.mass(grid.nodes[static_cast<std::size_t>(k)] - 1, k)) / all.sum;
+    result.mass_at_border += (all.mass(0, k) + all.mass(grid.nodes[k] - 1, k)) / all.sum;
   }
   result.per_axis = *std::max_element(grid.nodes.begin(), grid.nodes.end());
   return result;
@@ -365,7 +364,7 @@ void set_points(QuadraturePosterior& posterior, const Grid& grid, std::vector<Gr
   Eigen::VectorXd& weights = posterior.weights;
   const double floor = 1e-6 / static_cast<double>(weights.size());
   std::vector<Index> kept;
-  kept.reserve(static_cast<std::size_t>(weights.size()));
+  kept.reserve(weights.size());
   double sum = 0;
   for (const GridRun& run : runs) {
     const auto [plane, line] = grid.places(run.row);
@@ -373,7 +372,7 @@ void set_points(QuadraturePosterior& posterior, const Grid& grid, std::vector<Gr
     for (Index i = run.begin, node = run.at; i < run.end; ++i, ++node) {
       if (weights[node] <= floor) continue;
       posterior.lattice.places.push_back({plane, line, i});
-      if ((i + every_other) % 2 == 0) posterior.every_other.push_back(static_cast<Index>(kept.size()));
+      if ((i + every_other) % 2 == 0) posterior.every_other.push_back(std::ssize(kept));
       kept.push_back(node);
       sum += weights[node];
     }
@@ -420,7 +419,7 @@ QuadraturePosterior filled_quadrature(sampling::LogDensity& target, const Quadra
       continue;
     }
     set_points(result, grid, std::move(fill.runs()));
-    result.quantiles.resize(3, static_cast<Index>(numerics::k_quantile_levels.size()));
+    result.quantiles.resize(3, std::ssize(numerics::k_quantile_levels));
     const Eigen::MatrixXd axes = grid.axes();
     for (Index k = 0; k < 3; ++k) result.quantiles.row(k) = all.quantiles(k, axes.col(k));
     break;

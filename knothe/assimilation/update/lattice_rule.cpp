@@ -50,7 +50,7 @@ Eigen::RowVectorXd Marginals::quantiles(Index k, const Eigen::Ref<const Eigen::V
 Eigen::RowVectorXd quantiles_of_nodes(std::span<const double> nodes, std::span<const double> weights,
                                       double spacing) {
   constexpr double k_spread = 1.3;  ///< of a node, in spacings
-  Eigen::RowVectorXd result(static_cast<Index>(k_quantile_levels.size()));
+  Eigen::RowVectorXd result(std::ssize(k_quantile_levels));
   numerics::lattice_quantiles(nodes, weights, k_spread * spacing, k_quantile_levels,
                               {result.data(), k_quantile_levels.size()});
   return result;

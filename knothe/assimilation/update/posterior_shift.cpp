@@ -66,8 +66,7 @@ std::vector<PosteriorShift> posterior_shift(std::shared_ptr<const reduction::Obs
                                             std::shared_ptr<const reduction::ObservedModel> reference,
                                             const Eigen::MatrixXd& data, const NoiseModel& noise,
                                             const std::vector<Prior>& priors, Method kind) {
-  assert(model->time.size() == reference->time.size() &&
-         data.cols() == static_cast<Eigen::Index>(model->time.size()));
+  assert(model->time.size() == reference->time.size() && data.cols() == std::ssize(model->time));
   const bool is_large = priors.size() > 3;
   UpdateOptions options;
   options.kind = is_large ? Method::automatic : kind;

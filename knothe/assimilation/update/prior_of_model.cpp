@@ -16,7 +16,7 @@ std::vector<Prior> truncated_to_box(std::span<const reduction::Axis> axes, std::
 std::shared_ptr<const PriorTransform> truncated_to_box(const reduction::ObservedModel& model,
                                                        std::vector<Prior> priors) {
   const Eigen::VectorXd lower = model.functions->lower(), upper = model.functions->upper();
-  assert(static_cast<Eigen::Index>(priors.size()) == lower.size());
+  assert(std::ssize(priors) == lower.size());
   for (std::size_t k = 0; k < priors.size(); ++k) {
     const auto i = static_cast<Eigen::Index>(k);
     const std::string name = k < model.parameters.size() ? model.parameters[k] : fmt::format("{}", k);

@@ -69,10 +69,10 @@ void PriorTransform::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int de
 }
 
 Eigen::MatrixXd PriorTransform::carry(const Eigen::Ref<const Eigen::MatrixXd>& z_quantiles) const {
-  return Eigen::MatrixXd::NullaryExpr(
-      z_quantiles.rows(), z_quantiles.cols(), [&](Eigen::Index k, Eigen::Index level) {
-        return priors_[static_cast<std::size_t>(k)].from_standard_normal(z_quantiles(k, level)).value;
-      });
+  return Eigen::MatrixXd::NullaryExpr(z_quantiles.rows(), z_quantiles.cols(),
+                                      [&](Eigen::Index k, Eigen::Index level) {
+                                        return priors_[k].from_standard_normal(z_quantiles(k, level)).value;
+                                      });
 }
 
 }  // namespace knothe::assimilation

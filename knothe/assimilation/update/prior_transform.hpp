@@ -17,7 +17,7 @@ class PriorTransform {
  public:
   explicit PriorTransform(std::vector<Prior> priors);
 
-  [[nodiscard]] Eigen::Index dimension() const { return static_cast<Eigen::Index>(priors_.size()); }
+  [[nodiscard]] Eigen::Index dimension() const { return std::ssize(priors_); }
   [[nodiscard]] const std::vector<Prior>& priors() const { return priors_; }
   [[nodiscard]] const Prior& prior(Eigen::Index k) const { return priors_[k]; }
 

@@ -81,7 +81,7 @@ const UpdateResult& RobustUpdate::update(std::size_t step, std::size_t time_inde
   for (const Eigen::Index i : sensors_.rejected) accepted[i] = k_nan;
   assimilate(step, time_index, accepted);
   last_ = step;
-  result_.rejected = static_cast<Eigen::Index>(sensors_.rejected.size());
+  result_.rejected = std::ssize(sensors_.rejected);
   result_.missing -= result_.rejected;
   result_.elapsed_us.projection = 0;
   result_.elapsed_us.projection =
@@ -105,7 +105,7 @@ void RobustUpdate::check_sensors(const Prediction& before, const Eigen::Ref<cons
     ++present;
     if (robust_.gate > 0 && sensors_.test_ratio[i] > robust_.gate) outside.push_back(i);
   }
-  if (2 * static_cast<Eigen::Index>(outside.size()) <= present) sensors_.rejected = std::move(outside);
+  if (2 * std::ssize(outside) <= present) sensors_.rejected = std::move(outside);
   for (const Eigen::Index i : sensors_.stuck) {
     if (std::find(sensors_.rejected.begin(), sensors_.rejected.end(), i) == sensors_.rejected.end())
       sensors_.rejected.push_back(i);

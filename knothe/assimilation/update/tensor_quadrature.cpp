@@ -277,7 +277,7 @@ Marginals marginals(const Grid& grid, const std::vector<GridRun>& runs, const Ei
   std::array<Index, 3> row{};
   for (const GridRun& run : runs) {
     if (!grid.is_every(stride, run.row)) continue;
-    for (Index k = 0; k + 1 < d; ++k) row[static_cast<std::size_t>(k)] = grid.place(run.row, k);
+    for (Index k = 0; k + 1 < d; ++k) row[k] = grid.place(run.row, k);
     result.add(run, weights, (run.begin + stride - 1) / stride * stride, stride,
                {row.data(), static_cast<std::size_t>(d - 1)});
   }
@@ -329,7 +329,7 @@ void set_points(QuadraturePosterior& posterior, const Frame& frame, const Grid& 
   Eigen::VectorXd& weights = posterior.weights;
   const double floor = 1e-6 / static_cast<double>(weights.size());
   std::vector<Index> kept;
-  kept.reserve(static_cast<std::size_t>(weights.size()));
+  kept.reserve(weights.size());
   if (has_lattice) posterior.lattice.places.reserve(kept.capacity());
   double sum = 0;
   for (const GridRun& run : runs) {
@@ -339,8 +339,7 @@ void set_points(QuadraturePosterior& posterior, const Frame& frame, const Grid& 
       const Index node = run.at + i - run.begin;
       if (weights[node] <= floor) continue;
       if (has_lattice) posterior.lattice.places.push_back({run.row, i, 0});
-      if (is_every_other && i % (2 * stride) == 0)
-        posterior.every_other.push_back(static_cast<Index>(kept.size()));
+      if (is_every_other && i % (2 * stride) == 0) posterior.every_other.push_back(std::ssize(kept));
       kept.push_back(node);
       sum += weights[node];
     }
@@ -362,7 +361,7 @@ void set_points(QuadraturePosterior& posterior, const Frame& frame, const Grid& 
 Eigen::MatrixXd quantiles(const QuadraturePosterior& posterior, const Frame& frame, const Grid& grid,
                           const Marginals& all) {
   const Index d = grid.dimension();
-  Eigen::MatrixXd result(d, static_cast<Index>(k_quantile_levels.size()));
+  Eigen::MatrixXd result(d, std::ssize(k_quantile_levels));
   const Eigen::MatrixXd lines = grid.axes();
   const auto n = static_cast<std::size_t>(posterior.weights.size());
   for (Index k = 0; k < d; ++k) {
@@ -380,10 +379,9 @@ Eigen::MatrixXd quantiles(const QuadraturePosterior& posterior, const Frame& fra
 }  // namespace
 
 Eigen::MatrixXd QuadraturePosterior::Lattice::points_on(const Eigen::MatrixXd& nodes) const {
-  Eigen::MatrixXd points(static_cast<Index>(places.size()), nodes.cols());
+  Eigen::MatrixXd points(std::ssize(places), nodes.cols());
   for (std::size_t i = 0; i < places.size(); ++i)
-    for (Index k = 0; k < nodes.cols(); ++k)
-      points(static_cast<Index>(i), k) = nodes(places[i][static_cast<std::size_t>(k)], k);
+    for (Index k = 0; k < nodes.cols(); ++k) points(static_cast<Index>(i), k) = nodes(places[i][k], k);
   return points;
 }
 

@@ -190,7 +190,7 @@ void Assessor::test_constancy(const AssessedPosterior& posterior, std::span<cons
 std::string Assessor::misfit_in_words(const ResidualReport& report,
                                       std::span<const DatumPointer> data) const {
   const ResidualTest worst = report.worst(options_.fit_caution);
-  const Index at = report.at[static_cast<std::size_t>(worst)];
+  const Index at = report.at[worst];
   switch (worst) {
     case ResidualTest::total:
       return fmt::format("the data do not fit the model: χ² is {:.4g} for {} values", report.misfit,
@@ -199,18 +199,15 @@ std::string Assessor::misfit_in_words(const ResidualReport& report,
       return fmt::format("the data fit better than their noise allows: χ² is {:.4g} for {} values",
                          report.misfit, report.values);
     case ResidualTest::group:
-      return fmt::format("the values of {} do not fit the model",
-                         tests_.group_names()[static_cast<std::size_t>(at)]);
+      return fmt::format("the values of {} do not fit the model", tests_.group_names()[at]);
     case ResidualTest::sensor:
     case ResidualTest::sensor_mean:
       return fmt::format("{} does not fit the model", tests_.name_of(at));
     case ResidualTest::value:
       return fmt::format("the value of {} at step {} does not fit the model",
-                         tests_.name_of(at % report.scores.rows()),
-                         data[static_cast<std::size_t>(at / report.scores.rows())]->step);
+                         tests_.name_of(at % report.scores.rows()), data[at / report.scores.rows()]->step);
     case ResidualTest::step:
-      return fmt::format("the data of step {} do not fit the model",
-                         data[static_cast<std::size_t>(at)]->step);
+      return fmt::format("the data of step {} do not fit the model", data[at]->step);
     case ResidualTest::modes:
     case ResidualTest::modes_mean:
     case ResidualTest::modes_slow:
@@ -234,7 +231,7 @@ std::string Assessor::misfit_in_words(const ResidualReport& report,
       return fmt::format(
           "step {} repeats the values of the step before to the last digit: it was stored "
           "twice; withdraw it",
-          data[static_cast<std::size_t>(at)]->step);
+          data[at]->step);
   }
   return {};
 }

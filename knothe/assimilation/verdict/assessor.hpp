@@ -73,9 +73,7 @@ class Assessor {
   void assess_sensors(const AssessedPosterior& posterior, Verdict& verdict) const;
   [[nodiscard]] Eigen::VectorXd relevance_of_errors(const UpdateResult& update) const;
   [[nodiscard]] Eigen::MatrixXd projected_errors(const Datum& datum) const;
-  [[nodiscard]] const std::string& name_of_parameter(Eigen::Index a) const {
-    return model_->parameters[static_cast<std::size_t>(a)];
-  }
+  [[nodiscard]] const std::string& name_of_parameter(Eigen::Index a) const { return model_->parameters[a]; }
 
   std::shared_ptr<const reduction::ObservedModel> model_;
   PriorTransform priors_;

@@ -130,7 +130,7 @@ class Diagnostician {
     }
     const auto most = std::max<Index>(1, n / 10);
     if (sensors.empty() && values == 0) return {};
-    if (static_cast<Index>(sensors.size()) > most || 10 * values > n * m) return {};
+    if (std::ssize(sensors) > most || 10 * values > n * m) return {};
     // Values just below the limit are still there: not as strict as elsewhere.
     if (tests_.noise().measurement().is_independent() &&
         tests_.examine_scores(z, parameters_).fails(1e-4 * limit_))
@@ -168,7 +168,7 @@ class Diagnostician {
       return Diagnosis{MisfitCause::single_sensor,
                        fmt::format("one value of {}, at step {}, does not fit, all others do: withdraw or "
                                    "correct it, or let method.gate reject such values",
-                                   tests_.name_of(at % n), data_[static_cast<std::size_t>(at / n)]->step),
+                                   tests_.name_of(at % n), data_[at / n]->step),
                        1};
     return Diagnosis{MisfitCause::unknown,
                      fmt::format("{} single values of {} do not fit, all others do: let method.gate reject "
@@ -222,8 +222,7 @@ class Diagnostician {
     if (names.size() < 2) return;
     for (std::size_t g = 0; g < names.size(); ++g) {
       Eigen::VectorXd rows = Eigen::VectorXd::Zero(n);
-      for (Index i = 0; i < n; ++i)
-        rows[i] = tests_.groups()[static_cast<std::size_t>(i)] == static_cast<Index>(g) ? 1 : 0;
+      for (Index i = 0; i < n; ++i) rows[i] = tests_.groups()[i] == static_cast<Index>(g) ? 1 : 0;
       const bool is_component = names[g].size() == 1;
       try_factor(rows, is_component ? "displacements along " + names[g] : "values of \"" + names[g] + "\"",
                  is_component ? "the " + names[g] + " axis" : "\"" + names[g] + "\"", is_component);
@@ -281,21 +280,21 @@ class Diagnostician {
     for (Index s = 0; s <= fits_.starts().rows(); ++s) {
       const Eigen::VectorXd p = s == 0 ? plain.p : Eigen::VectorXd(fits_.starts().row(s - 1).transpose());
       const Eigen::MatrixXd y = fits_.predicted(p);
-      std::vector<Index> order(static_cast<std::size_t>(n));
+      std::vector<Index> order(n);
       double cost = 0;
       for (Index i = 0; i < n; ++i) {
         const auto there = values.row(i).array() == values.row(i).array();
         double least = std::numeric_limits<double>::infinity();
         for (Index j = 0; j < n; ++j) {
           const double square = there.select((values.row(i) - y.row(j)).array().square(), 0.0).sum();
-          if (square < least) least = square, order[static_cast<std::size_t>(i)] = j;
+          if (square < least) least = square, order[i] = j;
         }
         cost += least * tests_.inverse_std()[i] * tests_.inverse_std()[i];
       }
       if (cost < best_cost) best_cost = cost, best = order;
     }
     Index moved = 0;
-    for (Index i = 0; i < n; ++i) moved += best[static_cast<std::size_t>(i)] != i ? 1 : 0;
+    for (Index i = 0; i < n; ++i) moved += best[i] != i ? 1 : 0;
     if (moved < 2) return;
     const WhatIfAnswer answer = fits_.fit({.order = best, .scaled = {}, .shifted = false, .robust = false});
     tried_.push_back(

@@ -36,15 +36,13 @@ ModelShift::Point ModelShift::at(const Eigen::VectorXd& p) const {
   batch.resize(1, d, r, 1);
   functions_->evaluate(p.transpose(), 1, batch);
   Point point{p, batch.value.row(0).transpose(), Eigen::MatrixXd(r, d)};
-  for (Index a = 0; a < d; ++a)
-    point.slope.col(a) = batch.first[static_cast<std::size_t>(a)].row(0).transpose();
+  for (Index a = 0; a < d; ++a) point.slope.col(a) = batch.first[a].row(0).transpose();
   return point;
 }
 
 Eigen::MatrixXd ModelShift::of(const Eigen::MatrixXd& quadratic, const Eigen::MatrixXd& projected) const {
   Eigen::MatrixXd shifts(prior_precision_.size(), projected.cols());
-  for (Index j = 0; j < projected.cols(); ++j)
-    shifts.col(j) = shift(known_[static_cast<std::size_t>(j)], quadratic, projected.col(j));
+  for (Index j = 0; j < projected.cols(); ++j) shifts.col(j) = shift(known_[j], quadratic, projected.col(j));
   return shifts;
 }
 

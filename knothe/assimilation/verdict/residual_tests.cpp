@@ -111,13 +111,13 @@ ResidualTests::ResidualTests(std::shared_ptr<const reduction::ObservedModel> mod
       bool there = false;
       for (std::size_t i = 0; i < sensors_.displacement_count(); ++i) {
         if (sensors_.components[i] != c) continue;
-        groups_[i] = static_cast<Index>(group_names_.size());
+        groups_[i] = std::ssize(group_names_);
         there = true;
       }
       if (there) group_names_.emplace_back(1, "xyz"[c]);
     }
     for (std::size_t k = 0; k < sensors_.scalars.size(); ++k) {
-      groups_[sensors_.displacement_count() + k] = static_cast<Index>(group_names_.size());
+      groups_[sensors_.displacement_count() + k] = std::ssize(group_names_);
       group_names_.push_back(sensors_.scalars[k]);
     }
     neighbours_ = nearest_of_same_component(sensors_);
@@ -148,20 +148,18 @@ std::string ResidualTests::name_of(Index sensor) const {
   return fmt::format(
       "sensor {} ({} at {:.4g}, {:.4g}, {:.4g} m)",
       sensors_.names.empty() ? std::to_string(sensor) : fmt::format("\"{}\"", sensors_.label(i)),
-      "xyz"[static_cast<std::size_t>(sensors_.components[i])], at[0], at[1], at[2]);
+      "xyz"[sensors_.components[i]], at[0], at[1], at[2]);
 }
 
 ResidualReport ResidualTests::examine(std::span<const DatumPointer> data, const Eigen::VectorXd& w,
                                       double level, Index parameters) {
-  const Index n = noise_.size(), m = static_cast<Index>(data.size());
+  const Index n = noise_.size(), m = std::ssize(data);
   Eigen::MatrixXd residuals(n, m);
   if (!rows_.empty()) {
-    for (Index k = 0; k < m; ++k)
-      residuals.col(k).noalias() = rows_[data[static_cast<std::size_t>(k)]->time_index] * -w;
+    for (Index k = 0; k < m; ++k) residuals.col(k).noalias() = rows_[data[k]->time_index] * -w;
   } else {
     Eigen::MatrixXd coefficients(model_->space.cols(), m);
-    for (Index k = 0; k < m; ++k)
-      coefficients.col(k).noalias() = model_->core[data[static_cast<std::size_t>(k)]->time_index] * w;
+    for (Index k = 0; k < m; ++k) coefficients.col(k).noalias() = model_->core[data[k]->time_index] * w;
     residuals.noalias() = -(model_->space * coefficients);
   }
   ResidualReport report;
@@ -171,7 +169,7 @@ ResidualReport ResidualTests::examine(std::span<const DatumPointer> data, const 
   bool own = false, all_in_modes = true;
   const double scale = 1 / std::sqrt(level);
   for (Index k = 0; k < m; ++k) {
-    const Datum& datum = *data[static_cast<std::size_t>(k)];
+    const Datum& datum = *data[k];
     auto residual = residuals.col(k);
     residual += datum.values - model_->lift.col(static_cast<Index>(datum.time_index));
     Index present = measured_;
@@ -209,7 +207,7 @@ ResidualReport ResidualTests::examine(std::span<const DatumPointer> data, const 
     report.values += present;
     if (present > 0) steps.see(misfit, static_cast<double>(present), k);
     if (k > 0 && present > parameters && datum.values.size() > 1 &&
-        (datum.values - data[static_cast<std::size_t>(k - 1)]->values).isZero(0))
+        (datum.values - data[k - 1]->values).isZero(0))
       report.set(ResidualTest::repeated, 0, k);
   }
   const auto values = static_cast<double>(report.values);
@@ -299,7 +297,7 @@ void ResidualTests::test_extremes(ResidualReport& report) const {
 void ResidualTests::test_independent(ResidualReport& report, Index parameters) const {
   const Eigen::MatrixXd& z = report.scores;
   const Index n = z.rows(), m = z.cols();
-  const auto groups = static_cast<Index>(group_names_.size());
+  const auto groups = std::ssize(group_names_);
   LargestChiSquare sensors, of_groups;
   Eigen::VectorXd misfit = Eigen::VectorXd::Zero(groups), count = misfit;
   const Eigen::MatrixXd in_time_order = z.transpose();  // a sensor's are contiguous
@@ -310,8 +308,8 @@ void ResidualTests::test_independent(ResidualReport& report, Index parameters) c
     if (present == 0) continue;
     sensors.see(square, present, i);
     if (groups == 0) continue;
-    misfit[groups_[static_cast<std::size_t>(i)]] += square;
-    count[groups_[static_cast<std::size_t>(i)]] += present;
+    misfit[groups_[i]] += square;
+    count[groups_[i]] += present;
   }
   sensors.tell(report, ResidualTest::sensor);
   for (Index g = 0; g < groups; ++g)

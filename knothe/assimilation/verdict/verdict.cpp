@@ -24,7 +24,7 @@ Verdict RunVerdict::verdict() const {
   run.reasons.clear();
   const std::size_t last = std::max<std::size_t>(1, verdicts_.size() / 10);
   for (std::size_t k = 0; k < last; ++k) {
-    const auto of_later_steps = static_cast<std::ptrdiff_t>(run.reasons.size());
+    const auto of_later_steps = std::ssize(run.reasons);
     for (const VerdictReason& reason : verdicts_[verdicts_.size() - 1 - k].reasons) {
       const auto end = run.reasons.begin() + of_later_steps;
       const bool known = std::any_of(run.reasons.begin(), end, [&](const VerdictReason& other) {

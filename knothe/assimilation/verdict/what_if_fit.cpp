@@ -31,7 +31,7 @@ WhatIfFits::WhatIfFits(const reduction::ObservedModel& model, const ResidualTest
                        std::span<const DatumPointer> data, Eigen::MatrixXd starts)
     : model_(model),
       tests_(tests),
-      values_(tests.noise().size(), static_cast<Index>(data.size())),
+      values_(tests.noise().size(), std::ssize(data)),
       starts_(std::move(starts)) {
   for (std::size_t k = 0; k < data.size(); ++k) {
     values_.col(static_cast<Index>(k)) = data[k]->values;
@@ -44,20 +44,20 @@ WhatIfFits::WhatIfFits(const reduction::ObservedModel& model, const ResidualTest
 /// last.
 Eigen::MatrixXd WhatIfFits::at_shifted(const Eigen::VectorXd& w, double shift, bool with_lift,
                                        Eigen::MatrixXd* slope) const {
-  const Index m = values_.cols(), last = static_cast<Index>(model_.core.size()) - 1;
+  const Index m = values_.cols(), last = std::ssize(model_.core) - 1;
   Eigen::MatrixXd low(model_.space.cols(), m), step = Eigen::MatrixXd::Zero(model_.space.cols(), m);
   Eigen::MatrixXd lift_low(values_.rows(), m), lift_step = Eigen::MatrixXd::Zero(values_.rows(), m);
   Eigen::RowVectorXd share = Eigen::RowVectorXd::Zero(m);
   for (Index k = 0; k < m; ++k) {
-    const double at = std::clamp(static_cast<double>(time_indices_[static_cast<std::size_t>(k)]) + shift, 0.0,
-                                 static_cast<double>(last));
+    const double at =
+        std::clamp(static_cast<double>(time_indices_[k]) + shift, 0.0, static_cast<double>(last));
     const Index below = std::min<Index>(static_cast<Index>(at), std::max<Index>(0, last - 1));
-    low.col(k) = model_.core[static_cast<std::size_t>(below)] * w;
+    low.col(k) = model_.core[below] * w;
     lift_low.col(k) = model_.lift.col(below);
     if (shift == 0 && slope == nullptr && static_cast<double>(below) == at) continue;
     const Index above = std::min(below + 1, last);
     share[k] = at - static_cast<double>(below);
-    step.col(k) = model_.core[static_cast<std::size_t>(above)] * w - low.col(k);
+    step.col(k) = model_.core[above] * w - low.col(k);
     lift_step.col(k) = model_.lift.col(above) - lift_low.col(k);
   }
   Eigen::MatrixXd result = model_.space * (low + step * share.asDiagonal());
@@ -97,9 +97,8 @@ void WhatIfFits::evaluate(const WhatIf& assumption, Point& point, bool derivativ
   if (!derivatives) return;
   point.columns.clear();
   for (Index a = 0; a < d; ++a)
-    point.columns.emplace_back(to_scores.asDiagonal() *
-                               ordered(at_shifted(batch.first[static_cast<std::size_t>(a)].row(0).transpose(),
-                                                  point.shift, false, nullptr)));
+    point.columns.emplace_back(to_scores.asDiagonal() * ordered(at_shifted(batch.first[a].row(0).transpose(),
+                                                                           point.shift, false, nullptr)));
   if (assumption.scaled.size() > 0)
     point.columns.emplace_back(assumption.scaled.cwiseProduct(tests_.inverse_std()).asDiagonal() * y);
   if (assumption.shifted) point.columns.emplace_back(to_scores.asDiagonal() * ordered(slope));
@@ -139,23 +138,22 @@ WhatIfAnswer WhatIfFits::fit(const WhatIf& assumption) const {
     }
   }
   std::sort(points.begin(), points.end(), [](const Point& a, const Point& b) { return a.misfit < b.misfit; });
-  if (static_cast<Index>(points.size()) > k_descents) points.resize(static_cast<std::size_t>(k_descents));
+  if (std::ssize(points) > k_descents) points.resize(k_descents);
   for (Point& point : points) {
     double damping = 1e-3;
     evaluate(assumption, point, true);
     for (int iteration = 0; iteration < k_iterations; ++iteration) {
-      const auto size = static_cast<Index>(point.columns.size());
+      const auto size = std::ssize(point.columns);
       Eigen::MatrixXd normal(size, size);
       Eigen::VectorXd gradient(size);
       Eigen::MatrixXd weight = Eigen::MatrixXd::Ones(values_.rows(), values_.cols());
       if (assumption.robust)
         weight = (1 + point.scores.array().square() / (k_cauchy * k_cauchy)).inverse().matrix();
       for (Index a = 0; a < size; ++a) {
-        const Eigen::MatrixXd weighted = weight.cwiseProduct(point.columns[static_cast<std::size_t>(a)]);
+        const Eigen::MatrixXd weighted = weight.cwiseProduct(point.columns[a]);
         gradient[a] = weighted.cwiseProduct(point.scores).sum();
         for (Index b = 0; b <= a; ++b)
-          normal(a, b) = normal(b, a) =
-              weighted.cwiseProduct(point.columns[static_cast<std::size_t>(b)]).sum();
+          normal(a, b) = normal(b, a) = weighted.cwiseProduct(point.columns[b]).sum();
       }
       normal.diagonal().array() *= 1 + damping;
       normal.diagonal().array() += 1e-12 * normal.trace();

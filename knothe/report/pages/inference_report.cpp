@@ -172,7 +172,7 @@ void add_orders(Page& page, const Json& content, const Content& c) {
     auto objective = c.figures->at("objective_by_order").get<Numbers>();
     Plot objectives("", {"order of the map", 0.5, order.back() + 0.5}, {"Kullback–Leibler objective"});
     objective.resize(std::min(objective.size(), order.size()));
-    const Numbers at(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(objective.size()));
+    const Numbers at(order.begin(), order.begin() + std::ssize(objective));
     objectives.line(at, objective, Paint::series(2), "objective (training)");
     objectives.scatter(at, objective, Paint::series(2));
     objectives.horizontal(-content.at("log_evidence").get<double>(), Paint::truth(), "−log evidence");

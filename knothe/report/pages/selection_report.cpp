@@ -29,7 +29,7 @@ std::vector<double> field_on_face(const reduction::SeparatedModel& model, const 
   const std::vector<std::ptrdiff_t> dofs = dofs_of_face(face, model.contents().dofs, component);
   std::vector<std::size_t> present;
   for (const std::ptrdiff_t dof : dofs) {
-    if (dof >= 0) present.push_back(static_cast<std::size_t>(dof));
+    if (dof >= 0) present.push_back(dof);
   }
   const Eigen::MatrixXd s = assimilation::sensitivity_over_time(reduction::observe_dofs(model, present), at);
   std::vector<double> values;

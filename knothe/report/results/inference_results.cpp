@@ -76,7 +76,7 @@ Json figures_of(const project::InferenceSetup& setup, const InferenceResult& r) 
 }
 
 std::vector<std::int64_t> counted(Eigen::Index n) {
-  std::vector<std::int64_t> numbers(static_cast<std::size_t>(n));
+  std::vector<std::int64_t> numbers(n);
   std::iota(numbers.begin(), numbers.end(), 0);
   return numbers;
 }

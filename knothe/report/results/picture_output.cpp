@@ -55,7 +55,7 @@ class PictureOutput {
       files::refuse_overwriting(files.output, {files.at});
       const files::CsvTable table = files::CsvTable::read(files.at);
       const auto x = table.numbers("x"), y = table.numbers("y");
-      points_.resize(static_cast<Eigen::Index>(x.size()), 2);
+      points_.resize(std::ssize(x), 2);
       for (std::size_t i = 0; i < x.size(); ++i) points_.row(i) << x[i], y[i];
       if (several() && fs::path(files.output).has_extension() && !fs::is_directory(files.output))
         throw UsageError(

@@ -43,9 +43,8 @@ sampling::WeightedPoints thinned(const assimilation::Posterior& posterior, Eigen
   std::map<Eigen::Index, double> chosen;
   for (const Eigen::Index i : numerics::equal_draws(posterior.weights, count))
     chosen[i] += 1.0 / static_cast<double>(count);
-  sampling::WeightedPoints kept{
-      Eigen::MatrixXd(static_cast<Eigen::Index>(chosen.size()), posterior.points.cols()),
-      Eigen::VectorXd(static_cast<Eigen::Index>(chosen.size()))};
+  sampling::WeightedPoints kept{Eigen::MatrixXd(std::ssize(chosen), posterior.points.cols()),
+                                Eigen::VectorXd(std::ssize(chosen))};
   Eigen::Index row = 0;
   for (const auto& [i, weight] : chosen) {
     kept.points.row(row) = posterior.points.row(i);
@@ -345,7 +344,7 @@ KeptStep retain_step(const engine::StepResult& result, assimilation::Datum datum
 StepDraws draw_step(const KeptStep& step, const reduction::ObservedModel& observed,
                     std::span<const assimilation::Prior> priors, Eigen::Index rows, Eigen::Index draws,
                     Eigen::Index stride) {
-  const auto d = static_cast<Eigen::Index>(priors.size());
+  const auto d = std::ssize(priors);
   Eigen::VectorXd lower(d), upper(d);
   for (Eigen::Index k = 0; k < d; ++k) lower[k] = priors[k].lower(), upper[k] = priors[k].upper();
   const assimilation::UpdateResult& result = step.result;
@@ -417,7 +416,7 @@ assimilation::UpdateResult read_last_posterior(const std::string& path,
     stored.time = file.read("/sample_stats/time")[last];
   }
   using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  const auto n = static_cast<Eigen::Index>(weights.size()), d = static_cast<Eigen::Index>(parameters.size());
+  const auto n = std::ssize(weights), d = std::ssize(parameters);
   stored.points = Eigen::Map<const RowMajor>(points.data(), n, d);
   stored.weights = Eigen::Map<const Eigen::VectorXd>(weights.data(), n);
   return stored;

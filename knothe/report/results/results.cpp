@@ -126,7 +126,7 @@ Eigen::MatrixXd matrix_of(const Located& line, const char* key, std::size_t rows
 }
 
 Eigen::VectorXd vector_of(const std::vector<double>& numbers) {
-  return Eigen::Map<const Eigen::VectorXd>(numbers.data(), static_cast<Eigen::Index>(numbers.size()));
+  return Eigen::Map<const Eigen::VectorXd>(numbers.data(), std::ssize(numbers));
 }
 
 void read_moments(const Located& line, Step& s) {
@@ -290,7 +290,7 @@ void read_residuals(const Located& summary, Residuals& r) {
     }
   }
   if (!entry.has("step")) return;
-  for (const double step : entry.numbers("step")) r.step.push_back(static_cast<std::size_t>(step));
+  for (const double step : entry.numbers("step")) r.step.push_back(step);
   r.step_rms = entry.numbers("step_rms", r.step.size());
   if (entry.has("noise_rms")) r.noise_rms = entry.numbers("noise_rms", r.step.size());
   if (entry.has("measured")) r.measured = entry.numbers("measured");

@@ -135,7 +135,7 @@ Json ResultsWriter::load_displacement() const {
 Json ResultsWriter::last_draws() const {
   constexpr Eigen::Index k_shown = 500;
   const assimilation::UpdateResult& last = steps_.back().result;
-  const auto d = static_cast<Eigen::Index>(priors_.size());
+  const auto d = std::ssize(priors_);
   Eigen::VectorXd lower(d), upper(d);
   for (Eigen::Index k = 0; k < d; ++k) {
     const assimilation::Prior& prior = priors_[k];

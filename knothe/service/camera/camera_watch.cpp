@@ -135,7 +135,7 @@ std::optional<Intake::PictureStamp> CameraWatch::stamp_of(const FrameNumbers::Nu
   if (static_cast<std::size_t>(index) < times().size())
     return Intake::PictureStamp{
         {k_camera_source, frame.session, frame.camera_us},
-        times()[static_cast<std::size_t>(index)],
+        times()[index],
         fmt::format("frame_{:06}.{}", frame.number,
                     options_.keep_format == project::FrameFormat::png ? "png" : "tif")};
   if (!is_over_)

@@ -55,8 +55,7 @@ std::vector<std::int64_t> SensorSwitches::off_at(std::size_t step) const {
 
 Measurement SensorSwitches::seen(Measurement datum) const {
   for (const std::int64_t sensor : off_at(static_cast<std::size_t>(std::max<std::int64_t>(datum.step, 0))))
-    if (static_cast<std::size_t>(sensor) < datum.status.size())
-      datum.status[static_cast<std::size_t>(sensor)] = 1;
+    if (static_cast<std::size_t>(sensor) < datum.status.size()) datum.status[sensor] = 1;
   return datum;
 }
 

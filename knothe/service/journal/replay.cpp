@@ -79,7 +79,7 @@ std::string csv_of(const Opened& opened) {
       text +=
           fmt::format("{},s{},{},{},{},{},{},{}\n", files::format_number(entry.measurement.time), i,
                       files::format_number(at[0]), files::format_number(at[1]), files::format_number(at[2]),
-                      "xyz"[static_cast<std::size_t>(sensors.components[i])], files::format_number(values[i]),
+                      "xyz"[sensors.components[i]], files::format_number(values[i]),
                       files::format_number(std[static_cast<Eigen::Index>(i)]));
     }
   }
@@ -100,7 +100,7 @@ void write_results(const Opened& opened, const std::string& folder) {
   assimilation::Measurements measurements = opened.model.setup.measurements;
   measurements.time.clear();
   for (const std::size_t step : steps) measurements.time.push_back(opened.model.setup.observed->time[step]);
-  measurements.values.resize(measurements.values.rows(), static_cast<Eigen::Index>(steps.size()));
+  measurements.values.resize(measurements.values.rows(), std::ssize(steps));
   report::ResultsWriter writer(opened.model.project, opened.model.setup.model, measurements, engine.priors());
   const auto start = std::chrono::steady_clock::now();
   for (const std::size_t step : steps) {
@@ -173,8 +173,8 @@ void replay_journal(const std::string& path, const std::string& project_path, bo
     } else {
       fmt::print("after step {}: ", step);
       for (Eigen::Index k = 0; k < result.update.mean.size(); ++k)
-        fmt::print(" {} {:.4g} ± {:.2g}", opened.model.project.parameters[static_cast<std::size_t>(k)].name,
-                   result.update.mean[k], std::sqrt(result.update.covariance(k, k)));
+        fmt::print(" {} {:.4g} ± {:.2g}", opened.model.project.parameters[k].name, result.update.mean[k],
+                   std::sqrt(result.update.covariance(k, k)));
       fmt::print("  log-evidence {:.6g}\n", result.update.log_evidence);
     }
   }

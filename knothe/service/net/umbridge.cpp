@@ -35,11 +35,11 @@ const Received& member(const Received& object, const char* name) {
 }
 
 Eigen::VectorXd read_vector(const Received& array, Eigen::Index size, const std::string& what) {
-  if (!array.is_array() || static_cast<Eigen::Index>(array.size()) != size)
+  if (!array.is_array() || std::ssize(array) != size)
     invalid_input(fmt::format("\"{}\" must be an array of {} numbers", what, size));
   Eigen::VectorXd v(size);
   for (Eigen::Index i = 0; i < size; ++i) {
-    const Received& entry = array[static_cast<std::size_t>(i)];
+    const Received& entry = array[i];
     if (!entry.is_number() || !std::isfinite(entry.get<double>()))
       invalid_input(fmt::format("{}[{}] is not a finite number", what, i));
     v[i] = entry.get<double>();
@@ -134,7 +134,7 @@ Json UmBridge::respond(const HttpRequest& request) {
     *call.models = {call.models->served, call.site, nullptr, nullptr, nullptr};
   call.models->use(call.site->model());
   const Site& site = *call.site;
-  const auto d = static_cast<Eigen::Index>(site.setup().priors.size());
+  const auto d = std::ssize(site.setup().priors);
   const bool derivatives = call.name != "predict";
   if (request.path == "/ModelInfo")
     return {{"support",
@@ -144,7 +144,7 @@ Json UmBridge::respond(const HttpRequest& request) {
               {"ApplyHessian", derivatives}}}};
   if (request.path == "/InputSizes") return {{"inputSizes", {d}}};
   if (request.path == "/OutputSizes") {
-    const auto forecasts = static_cast<Eigen::Index>(site.project().forecasts.size());
+    const auto forecasts = std::ssize(site.project().forecasts);
     return {{"outputSizes",
              {call.name == "forward"     ? site.setup().observed->observations()
               : call.name == "posterior" ? 1
@@ -166,13 +166,12 @@ Json UmBridge::respond(const HttpRequest& request) {
   }
   const auto& axes = site.setup().model.contents().axes;
   for (Eigen::Index k = 0; k < d; ++k) {
-    const auto& nodes = axes[static_cast<std::size_t>(k)].nodes;
+    const auto& nodes = axes[k].nodes;
     if (call.p[k] >= nodes.front() && call.p[k] <= nodes.back()) continue;
     call.inside = false;
     if (call.name != "posterior")
-      invalid_input(fmt::format("{} = {} is outside the model's box [{}, {}]",
-                                axes[static_cast<std::size_t>(k)].name, call.p[k], nodes.front(),
-                                nodes.back()));
+      invalid_input(fmt::format("{} = {} is outside the model's box [{}, {}]", axes[k].name, call.p[k],
+                                nodes.front(), nodes.back()));
   }
   if (request.path == "/Evaluate") return evaluate(call);
   if (request.path == "/Gradient") return gradient(call);
@@ -253,8 +252,7 @@ void UmBridge::evaluate_posterior(Call& call, int derivatives) {
   if (!call.inside) return;
   const auto& priors = site.priors();
   double log_prior = 0;
-  for (Eigen::Index k = 0; k < d; ++k)
-    log_prior += priors[static_cast<std::size_t>(k)].log_density(call.p[k]);
+  for (Eigen::Index k = 0; k < d; ++k) log_prior += priors[k].log_density(call.p[k]);
   if (!std::isfinite(log_prior)) return;
   auto [model, form] = site.form_up_to(call.step.value_or(0));
   if (!form)
@@ -276,7 +274,7 @@ void UmBridge::evaluate_posterior(Call& call, int derivatives) {
   density->evaluate_likelihood(call.p.transpose(), derivatives, batch);
   call.value[0] = log_prior + batch.value[0];
   for (Eigen::Index a = 0; a < d; ++a) {
-    const auto& prior = priors[static_cast<std::size_t>(a)];
+    const auto& prior = priors[a];
     if (derivatives >= 1) call.jacobian(0, a) = batch.gradient(0, a) + prior.log_density_slope(call.p[a]);
     for (Eigen::Index b = 0; derivatives >= 2 && b <= a; ++b)
       call.hessian(a, b) = call.hessian(b, a) = batch.hessian(0, a * (a + 1) / 2 + b);
@@ -294,7 +292,7 @@ void UmBridge::evaluate_predict(Call& call) {
   const Eigen::VectorXd one = Eigen::VectorXd::Ones(1);
   std::map<std::string, double> values;
   for (const auto& named : forecaster->update(point, one)) values[named.name] = named.forecast.mean;
-  call.value.resize(static_cast<Eigen::Index>(values.size()));
+  call.value.resize(std::ssize(values));
   Eigen::Index i = 0;
   for (const auto& specification : site.project().forecasts) call.value[i++] = values.at(specification.name);
 }

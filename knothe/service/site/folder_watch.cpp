@@ -156,7 +156,7 @@ FolderWatch::Place FolderWatch::place_of(const std::string& name) const {
     const auto names = times.texts("file");
     const auto it = std::find(names.begin(), names.end(), name);
     if (it == names.end()) throw DataError(fmt::format("{}: {} does not say its time", name, table));
-    return {it - names.begin(), times.numbers("time")[static_cast<std::size_t>(it - names.begin())]};
+    return {it - names.begin(), times.numbers("time")[it - names.begin()]};
   }
   const auto number = number_in(name);
   if (!number)
@@ -169,7 +169,7 @@ FolderWatch::Place FolderWatch::place_of(const std::string& name) const {
     throw DataError(
         fmt::format("{}: picture number {} would have time number {} of {} (serve.first_picture is {})", name,
                     *number, index + 1, times.size(), site_->project().serve.first_picture));
-  return {*number, times[static_cast<std::size_t>(index)]};
+  return {*number, times[index]};
 }
 
 FolderWatch::StoreOutcome FolderWatch::ingest_picture(const std::string& name) {

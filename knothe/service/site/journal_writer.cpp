@@ -232,12 +232,12 @@ void JournalWriter::replay() {
 
 void JournalWriter::check_values(const Measurement& datum) const {
   const Eigen::Index n = sensor_std_.size();
-  if (static_cast<Eigen::Index>(datum.values.size()) != n)
+  if (std::ssize(datum.values) != n)
     throw RequestError(400, "WrongSize",
                        fmt::format("\"values\" has {} entries; this site has {} sensors{}",
                                    datum.values.size(), n, scalars_last(setup_.measurements.sensors)));
   for (Eigen::Index i = 0; i < n; ++i) {
-    const double value = datum.values[static_cast<std::size_t>(i)];
+    const double value = datum.values[i];
     if (std::abs(value) > k_largest_value * sensor_std_[i] || std::isinf(value))
       throw RequestError(
           400, "Malformed",
@@ -250,9 +250,8 @@ void JournalWriter::check_values(const Measurement& datum) const {
 std::string JournalWriter::complaint(const Measurement& datum) const {
   const std::vector<double> values = datum.effective_values();
   // A journal may be of another time: what cannot be these sensors' is not judged by their limits.
-  if (static_cast<Eigen::Index>(values.size()) != sensor_std_.size()) return "";
-  return limits_.complaint(
-      Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size())));
+  if (std::ssize(values) != sensor_std_.size()) return "";
+  return limits_.complaint(Eigen::Map<const Eigen::VectorXd>(values.data(), std::ssize(values)));
 }
 
 /// In words. The journal says why it was; the limits, that may be others by now, say which value.

@@ -87,7 +87,7 @@ void write_process(std::string& out) {
 
 void Histogram::observe(double seconds) {
   const auto place = std::lower_bound(k_bounds.begin(), k_bounds.end(), seconds) - k_bounds.begin();
-  ++counts_[static_cast<std::size_t>(place)];
+  ++counts_[place];
   sum_ += seconds;
 }
 

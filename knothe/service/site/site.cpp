@@ -459,7 +459,7 @@ double Site::time_of(std::optional<std::int64_t> step) const {
     throw RequestError(
         400, "Malformed",
         fmt::format("\"step\" is {}; the model has the steps 0 to {}", *step, times.size() - 1));
-  return times[static_cast<std::size_t>(*step)];
+  return times[*step];
 }
 
 std::int64_t Site::sensor_of(const EntryRequest& request) const {

@@ -96,8 +96,8 @@ void SiteAlarms::update_conditions(const Line& line) {
          "verdict", line.verdict_message);
   update("trust", line.trusted ? "" : "info", "trust", line.remark);
   const auto missing = std::count(line.missing.begin(), line.missing.end(), true);
-  update("sensors", 10 * missing > static_cast<std::ptrdiff_t>(line.missing.size()) ? "warning" : "",
-         "sensors", fmt::format("{} of {} sensors are missing", missing, line.missing.size()));
+  update("sensors", 10 * missing > std::ssize(line.missing) ? "warning" : "", "sensors",
+         fmt::format("{} of {} sensors are missing", missing, line.missing.size()));
   update("stuck", line.stuck.empty() ? "" : "warning", "sensors",
          fmt::format("the same value at five steps while the model moves: sensors {}",
                      fmt::join(line.stuck, ", ")));

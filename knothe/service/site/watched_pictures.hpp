@@ -21,7 +21,7 @@ class WatchedPictures {
     });
     if (nearest == times_.end()) return;
     const std::lock_guard lock(mutex_);
-    files_[static_cast<std::size_t>(nearest - times_.begin())] = std::move(file);
+    files_[nearest - times_.begin()] = std::move(file);
   }
   /// Of that step; empty if there is none.
   [[nodiscard]] std::string of(std::size_t step) const {
