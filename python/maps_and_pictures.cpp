@@ -16,7 +16,9 @@ using py::arg;
 
 /// A point of the library as an array of its own: the caller may keep it.
 py::array_t<double> copy_of(std::span<const double> point) {
-  return py::array_t<double>(static_cast<py::ssize_t>(point.size()), point.data());
+  // Not of a count and a pointer: pybind11 2.10 then asks the element type of numpy 2 for its size, and gets
+  // 0.
+  return array_of(std::vector<double>(point.begin(), point.end()));
 }
 
 /// What a function of the caller has given. UsageError for something else.

@@ -114,9 +114,10 @@ KeptCalls EvaluationJournal::open(ModelEvaluator& evaluator) {
 }
 
 void EvaluationJournal::write(const ModelCall& call) {
-  file_
-      << Json{k_names[call.kind], list_of(call.point), list_of(call.sensitivity), list_of(call.answer)}.dump()
-      << '\n';
+  file_ << Json{k_names[static_cast<std::size_t>(call.kind)], list_of(call.point), list_of(call.sensitivity),
+                list_of(call.answer)}
+               .dump()
+        << '\n';
   ++calls_;
 }
 

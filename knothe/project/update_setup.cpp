@@ -144,8 +144,8 @@ namespace {
 /// Whether what is known has one value for all data: those that come one by one bring no other. Not for
 /// models that are compared or refined: those are read anew, with the recorded values.
 bool is_fixed(const Project& project, const assimilation::Features& features) {
-  return features[assimilation::Feature::service] && project.method.verify != ModelVerification::full_order &&
-         project.candidates.empty() &&
+  return features[static_cast<std::size_t>(assimilation::Feature::service)] &&
+         project.method.verify != ModelVerification::full_order && project.candidates.empty() &&
          std::all_of(project.known.begin(), project.known.end(),
                      [](const KnownParameter& known) { return known.value.has_value(); });
 }

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from knothe import _knothe
 from knothe._errors import UsageError
 from knothe._posterior import Posterior
-from knothe._values import Array, Prior, count_of, counted, noise_values, prior_values, require_progress
+from knothe._values import Array, Prior, count_of, counted, noise_values, numbers, prior_values, require_progress
 
 if TYPE_CHECKING:
     import xarray
@@ -115,7 +115,7 @@ class InferenceResult(Posterior):
 
 def _over_points(function: Callable[[Array], ArrayLike]) -> Callable[[Array], Array]:
     """A function of one point as a function of many."""
-    return lambda points: np.array([np.asarray(function(point), float).ravel() for point in points])
+    return lambda points: np.array([numbers(function(point), "the model's values").ravel() for point in points])
 
 
 def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parameters: Mapping[str, Prior] | None = None, *,
@@ -194,11 +194,11 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
         return InferenceResult(_knothe.infer_project(os.fspath(model), method or "", os.fspath(results or "")))
     if not parameters:
         raise UsageError("infer: give a prior for each parameter")
-    values = np.zeros(0) if observed is None else np.ascontiguousarray(observed, float).ravel()
+    values = np.zeros(0) if observed is None else numbers(observed, "observations").ravel()
     if len(values) and (std is None) == (covariance is None):
         raise UsageError("infer: give std or covariance of the observations, one of them")
     deviations, _ = noise_values(std, None, len(values))
-    matrix = np.zeros((0, 0)) if covariance is None else np.ascontiguousarray(covariance, float)
+    matrix = np.zeros((0, 0)) if covariance is None else numbers(covariance, "covariance")
     if len(values) and std is not None and len(deviations) != len(values):
         raise UsageError(f"infer: {counted(len(deviations), 'standard deviation')} for {counted(len(values), 'observation')}")
     if covariance is not None and matrix.shape != (len(values), len(values)):

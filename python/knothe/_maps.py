@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from knothe import _knothe
 from knothe._errors import UsageError
 from knothe._posterior import Posterior
-from knothe._values import Array, count_of, points_of
+from knothe._values import Array, count_of, numbers, points_of
 
 _COMPILED: Any = ctypes.CFUNCTYPE(None).__base__  # the class of all functions of ctypes
 
@@ -167,7 +167,7 @@ class TransportMap:
         >>> bool(abs(posterior[:, 1].mean() - 1.0) < 0.1)
         True
         """
-        return self._native.conditional_sample(np.ascontiguousarray(given, float).ravel(), count_of(count, "draws"),
+        return self._native.conditional_sample(numbers(given, "given").ravel(), count_of(count, "draws"),
                                                count_of(seed, "as seed"))
 
     def save(self, path: "str | os.PathLike[str]") -> None:
@@ -349,7 +349,7 @@ def fit_samples(samples: ArrayLike, *, max_order: int = 5, folds: int = 5, seed:
     >>> transport.dimension, transport.trusted
     (2, True)
     """
-    points = np.ascontiguousarray(samples, float)
+    points = numbers(samples, "samples")
     if points.ndim != 2:
         raise UsageError(f"fit_samples: an array of shape {points.shape} is not m samples of d coordinates")
     return TransportMap(_knothe.map_from_samples(points, points.shape[1], max_order, folds, seed))

@@ -14,15 +14,28 @@ from numpy.typing import ArrayLike
 
 from knothe import _knothe
 from knothe._errors import UsageError
-from knothe._values import Array, Axis, Sensors, counted, points_of, require_progress, step_of
+from knothe._values import Array, Axis, Sensors, counted, numbers, points_of, require_progress, step_of
+
+
+def _in_order(at: ArrayLike | Mapping[str, float], parameters: Sequence[str]) -> ArrayLike:
+    """Numbers in the order of the parameters, of what has names: a mapping, or a Series or DataFrame of pandas."""
+    names: Any = getattr(at, "columns", getattr(at, "index", None)) if hasattr(at, "iloc") else None
+    if names is not None and all(isinstance(name, str) for name in names):
+        names = list(names)
+    elif isinstance(at, Mapping):
+        names = list(at)
+    else:
+        return at
+    if set(names) != set(parameters):
+        raise UsageError(f"parameters {', '.join(names)}: the model has {', '.join(parameters)}")
+    if hasattr(at, "columns"):
+        return np.column_stack([np.asarray(at[name], float) for name in parameters])  # type: ignore[index,call-overload]
+    return [float(at[name]) for name in parameters]  # type: ignore[index,call-overload]
 
 
 def _at_points(call: Callable[[Array], Array], at: ArrayLike | Mapping[str, float], parameters: Sequence[str]) -> Array:
     """What `call` gives of points n x d; of one alone (d numbers, or a number by name) without the first index."""
-    if isinstance(at, Mapping):
-        if set(at) != set(parameters):
-            raise UsageError(f"parameters {', '.join(at)}: the model has {', '.join(parameters)}")
-        at = [float(at[name]) for name in parameters]
+    at = _in_order(at, parameters)
     values = call(points_of(at, len(parameters), "parameters"))
     return values[0] if np.ndim(at) == 1 else values
 
@@ -297,7 +310,7 @@ def _solutions(function: Callable[..., Any], axes: Mapping[str, Array], time: Ar
                              f"with {', '.join(outputs)}")
         if not outputs and isinstance(found, tuple):
             raise UsageError("offline: the function gave a tuple; name its further outputs, outputs={name: unit}")
-        solution = np.asarray(found[0] if outputs else found, float)
+        solution = numbers(found[0] if outputs else found, "the model's solution")
         if solution.ndim != 2 or len(solution) != len(time):
             raise UsageError(f"offline: at {tuple(point)} the function gave an array of shape {solution.shape}; it has to be "
                              f"[{counted(len(time), 'time')}, dofs]")

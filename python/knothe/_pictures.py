@@ -49,6 +49,8 @@ def _picture(picture: "ArrayLike | str | os.PathLike[str]") -> tuple[Picture, fl
     """Grey levels, and that of a saturated pixel: of integers the largest of their type."""
     if isinstance(picture, (str, os.PathLike)):
         return _knothe.read_picture(os.fspath(picture))
+    if isinstance(picture, np.ma.MaskedArray) and np.ma.count_masked(picture) > 0:
+        raise UsageError("a picture has masked pixels: give grey levels everywhere, and leave parts out by roi or mesh")
     pixels = np.asarray(picture)
     if pixels.dtype.kind == "f" and pixels.ndim == 2 and not np.isfinite(pixels).all():
         row, column = np.argwhere(~np.isfinite(pixels))[0]

@@ -13,7 +13,7 @@ from knothe import _knothe
 from knothe._errors import UsageError
 from knothe._models import Model, _at_points
 from knothe._posterior import Forecast, Posterior, Verdict, statistics_of
-from knothe._values import Array, Precision, Prior, Sensors, count_of, counted, noise_values, prior_values, step_of
+from knothe._values import Array, Precision, Prior, Sensors, count_of, counted, measured_values, noise_values, prior_values, step_of
 
 if TYPE_CHECKING:
     import xarray
@@ -48,7 +48,7 @@ class Datum:
                  source: str = "", session: str = "", seq: int | None = None) -> None:
         if not isinstance(step, (int, np.integer)) or step < 0:
             raise UsageError(f"step {step}: steps of data are whole numbers and count from 0")
-        numbers = np.ascontiguousarray(values, float).ravel()
+        numbers = measured_values(values).ravel()
         deviations, rows = noise_values(std, precision, len(numbers))
         self._native = _knothe.Datum(step, numbers, deviations, rows, source, session, step if seq is None else seq)
 

@@ -278,9 +278,23 @@ class Precision:
         return Precision(data * factor, indices, indptr)
 
 
+def measured_values(values: ArrayLike) -> Array:
+    """As doubles in C order; NaN, a missing value, where a masked array has none."""
+    if isinstance(values, np.ma.MaskedArray):
+        values = np.ma.filled(values.astype(float), np.nan)
+    return np.ascontiguousarray(values, float)
+
+
+def numbers(values: ArrayLike, what: str) -> Array:
+    """As doubles in C order, where none may be missing."""
+    if isinstance(values, np.ma.MaskedArray) and np.ma.count_masked(values) > 0:
+        raise UsageError(f"{what}: {np.ma.count_masked(values)} of {np.ma.size(values)} values are masked; give them all")
+    return np.ascontiguousarray(values, float)
+
+
 def points_of(values: ArrayLike, dimension: int, what: str) -> Array:
     """As n x d in C order: the same memory where it is that already. One point may be given as d numbers."""
-    points = np.ascontiguousarray(values, float)
+    points = numbers(values, what)
     if points.ndim == 1:
         points = points.reshape(1, -1)
     if points.ndim != 2 or points.shape[1] != dimension:
@@ -324,6 +338,7 @@ def noise_values(std: ArrayLike | None, precision: Precision | None, count: int
     """Standard deviations (one stands for all) or precision, as the module wants them."""
     if std is not None and precision is not None:
         raise UsageError("std and precision exclude each other")
-    deviations = np.zeros(0) if std is None else np.array(np.broadcast_to(np.asarray(std, float), count)
-                                                          if np.ndim(std) == 0 else std, float)
+    deviations = np.zeros(0) if std is None else numbers(std, "std")
+    if std is not None and np.ndim(std) == 0:
+        deviations = np.full(count, float(deviations))
     return deviations, None if precision is None else precision.rows()

@@ -63,6 +63,47 @@ class Test(CaseInItsFolder):
 
     # The package itself
 
+    def test_values_keep_their_masks_and_their_names(self):
+        """A masked value is missing, not the fill value beneath it; a Series goes by its names, not by position."""
+        values = np.ma.MaskedArray([0.1, 9.97e36, 0.3], mask=[False, True, False])
+        np.testing.assert_array_equal(knothe.Datum(0, values).values, [0.1, np.nan, 0.3])
+        np.testing.assert_array_equal(knothe.Datum(0, np.ma.MaskedArray([1, 2], mask=False)).values, [1.0, 2.0])
+        self.refused(knothe.UsageError, "std: 1 of 3 values are masked; give them all",
+                     call=lambda: knothe.Datum(0, [1.0, 2.0, 3.0], std=values))
+        self.refused(knothe.UsageError, "a picture has masked pixels",
+                     call=lambda: knothe.Correlation(np.ma.MaskedArray(speckle(0, 0), mask=speckle(0, 0) > 30), (0, 0, 50, 50)))
+        from knothe._models import _in_order
+
+        class Named:
+            """As a Series or a DataFrame of pandas shows itself."""
+            iloc = None
+
+            def __init__(self, values, **labels):
+                self.values, self.__dict__ = values, {**labels, "values": values}
+
+            def __getitem__(self, name):
+                return self.values[name]
+
+        series = Named({"Ad": 2.0, "Y0": 1.0}, index=["Ad", "Y0"])
+        frame = Named({"Ad": [2.0, 4.0], "Y0": [1.0, 3.0]}, columns=["Ad", "Y0"], index=[0, 1])
+        self.assertEqual(_in_order(series, ["Y0", "Ad"]), [1.0, 2.0])
+        self.assertEqual(_in_order(frame, ["Y0", "Ad"]).tolist(), [[1.0, 2.0], [3.0, 4.0]])
+        self.assertEqual(_in_order({"Ad": 2.0, "Y0": 1.0}, ["Y0", "Ad"]), [1.0, 2.0])
+        self.refused(knothe.UsageError, "parameters Ad, E: the model has Y0, Ad",
+                     call=lambda: _in_order(Named({}, index=["Ad", "E"]), ["Y0", "Ad"]))
+
+    def test_the_points_of_a_callback_are_its_own(self):
+        """numpy 2 beside the pybind11 of Debian gave points whose coordinates all were the first."""
+        seen = []
+
+        def density(p):
+            seen.append((np.asarray(p).strides, len(set(np.asarray(p)))))
+            return ridge(p)
+
+        knothe.fit(density, 2)
+        self.assertEqual({strides for strides, _ in seen}, {(8,)})
+        self.assertIn(2, {different for _, different in seen})
+
     def test_the_version_is_the_commands(self):
         printed = subprocess.run([KNOTHE, "--version"], capture_output=True, text=True).stdout
         self.assertEqual(printed, f"knothe {knothe.__version__}\n")

@@ -142,7 +142,7 @@ std::string_view name_of(Feature feature) {
 }
 
 bool has(const Features& features, Feature feature) {
-  return features[feature];
+  return features[static_cast<std::size_t>(feature)];
 }
 
 }  // namespace

@@ -49,9 +49,10 @@ std::vector<PosteriorShift> reweighted_shifts(SequentialUpdate& by_model, Sequen
                                               const Eigen::MatrixXd& data) {
   constexpr Index k_steps = 5;  // of those of the data
   const Index n = data.cols(), shown = std::min(n, k_steps);
-  for (Index t = 0; t < n; ++t)
-    for (SequentialUpdate* update : {&by_model, &by_reference})
-      update->add({{}, static_cast<std::size_t>(t), static_cast<std::size_t>(t), data.col(t), {}});
+  for (std::size_t t = 0; t < static_cast<std::size_t>(n); ++t) {
+    const auto datum = std::make_shared<const Datum>(Datum{{}, t, t, data.col(t), {}});
+    for (SequentialUpdate* update : {&by_model, &by_reference}) update->add(datum, t);
+  }
   std::vector<PosteriorShift> shifts;
   for (Index k = 1; k <= shown; ++k) {
     check_cancellation("nothing is kept of the posteriors so far");

@@ -190,7 +190,7 @@ void Assessor::test_constancy(const AssessedPosterior& posterior, std::span<cons
 std::string Assessor::misfit_in_words(const ResidualReport& report,
                                       std::span<const DatumPointer> data) const {
   const ResidualTest worst = report.worst(options_.fit_caution);
-  const Index at = report.at[worst];
+  const Index at = report.at[static_cast<std::size_t>(worst)];
   switch (worst) {
     case ResidualTest::total:
       return fmt::format("the data do not fit the model: χ² is {:.4g} for {} values", report.misfit,

@@ -51,10 +51,10 @@ struct ResidualReport {
   /// (independent noise: the standard deviation); 0 where missing.
   Eigen::MatrixXd scores;
 
-  [[nodiscard]] double of(ResidualTest test) const { return probability[test]; }
+  [[nodiscard]] double of(ResidualTest test) const { return probability[static_cast<std::size_t>(test)]; }
   void set(ResidualTest test, double p, Eigen::Index where = 0) {
-    probability[test] = p;
-    at[test] = where;
+    probability[static_cast<std::size_t>(test)] = p;
+    at[static_cast<std::size_t>(test)] = where;
   }
   /// The test of the smallest probability: of those that do not only ask whether the noise is what it is said
   /// to be (`is_about_noise`) where one is below `limit`. A repeated datum comes before all.
