@@ -4,9 +4,11 @@
 
 namespace knothe::testing {
 
-/// A long test has two forms of one body: the short one in `make test`, and `<name>.slow`, which sets KNOTHE_SLOW
-/// (SLOW in cmake/KnotheRoom.cmake).
-inline bool long_form() { return std::getenv("KNOTHE_SLOW") != nullptr; }
+/// A long test has two forms of one body: the short one in `make test`, and `<name>.slow`, which sets
+/// KNOTHE_SLOW (SLOW in cmake/KnotheRoom.cmake).
+inline bool long_form() {
+  return std::getenv("KNOTHE_SLOW") != nullptr;
+}
 
 /// How many draws, seeds, steps, … of either form.
 template <class T>
