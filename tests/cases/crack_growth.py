@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import unittest
 
-from support import DATA, REPOSITORY, Case, python_with
+from support import DATA, REPOSITORY, Case, by_form, python_with
 
 EXAMPLE = REPOSITORY / "examples" / "crack_growth"
 RECORDS = DATA / "virkler_crack_growth" / "virkler_specimens_01_48.csv"
@@ -47,13 +47,15 @@ class Test(Case):
     def test_forecasts_of_the_last_24(self):
         self.copy_example()
         self.expect(0, "offline", "crack_growth.toml", "-o", "paris.h5")
-        for specimen in range(25, 49):
+        for specimen in range(25, by_form(27, 49)):
             self.run_python("crack_growth.py", "specimen", RECORDS, specimen)
             self.assertEqual(len((self.folder / f"specimen_{specimen}.csv").read_text().splitlines()), 4)
             self.project_name = f"specimen_{specimen}.toml"
             lines = self.assimilate()
             self.assertEqual(lines[-1]["time"], 12)
             self.assertTrue(lines[-1]["trusted"])
+        if not by_form(False, True):  # two specimens have no score
+            return
         scores = json.loads(self.run_python(REPOSITORY / "docs" / "images" / "crack_growth.py", RECORDS, self.folder, "picture.svg"))
         print(json.dumps(scores, indent=1))
         self.assertIn("</svg>", (self.folder / "picture.svg").read_text())

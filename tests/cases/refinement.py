@@ -5,7 +5,7 @@ import os
 import random
 import unittest
 
-from support import Case
+from support import Case, by_form
 
 TRUTHS = int(os.environ.get("KNOTHE_REFINEMENT_TRUTHS", "1"))
 RUNS = int(os.environ.get("KNOTHE_REFINEMENT_RUNS", "14"))  # method.verify_runs
@@ -29,7 +29,7 @@ class Test(Case):
         mean, std = self.moments(line)
         head, first, second = text.split("[offline.parameters.")
         parts = []
-        for a, (part, nodes) in enumerate(((first, 17), (second, 13))):
+        for a, (part, nodes) in enumerate(((first, by_form(11, 17)), (second, by_form(9, 13)))):
             lower, upper = max(0.5, mean[a] - 6 * std[a]), min(1.5, mean[a] + 6 * std[a])
             parts.append(part.replace("lower = 0.5", f"lower = {lower}").replace("upper = 1.5", f"upper = {upper}")
                          .replace("nodes = 5", f"nodes = {nodes}"))

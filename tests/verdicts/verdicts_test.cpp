@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <string>
 
+#include "knothe/base/testing/long_form.hpp"
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
 #include "knothe/project/update_setup.hpp"
 #include "tests/verdicts/wrong_situations.hpp"
@@ -117,12 +118,24 @@ std::string first_reason(const Verdict& verdict) {
                      r.message);
 }
 
+/// One for both tests: its models take full-order runs.
+BeamBench& shared_bench() {
+  static BeamBench bench;
+  return bench;
+}
+
 TEST(Verdicts, OfWrongSituations) {
-  const int truths = count_of("KNOTHE_VERDICT_TRUTHS", 2);
-  BeamBench bench;
+  const int truths = count_of("KNOTHE_VERDICT_TRUTHS", testing::by_form(1, 2));
+  BeamBench& bench = shared_bench();
   int runs = 0, false_green = 0, with_cause = 0;
   std::vector<std::string> badly_named;
-  for (const Situation& situation : wrong_situations()) {
+  std::vector<Situation> situations = wrong_situations();
+  if (!testing::long_form()) {  // each third: some of what is named, some of what is not
+    std::vector<Situation> some;
+    for (std::size_t i = 0; i < situations.size(); i += 3) some.push_back(situations[i]);
+    situations = some;
+  }
+  for (const Situation& situation : situations) {
     int ok = 0, caution = 0, reject = 0, named = 0, green = 0;
     std::string example;
     for (int k = 0; k < truths; ++k) {
@@ -165,8 +178,8 @@ TEST(Verdicts, OfWrongSituations) {
 }
 
 TEST(Verdicts, OfRightSituations) {
-  const int truths = count_of("KNOTHE_VERDICT_RIGHT", 20);
-  BeamBench bench;
+  const int truths = count_of("KNOTHE_VERDICT_RIGHT", testing::by_form(4, 20));
+  BeamBench& bench = shared_bench();
   int not_ok = 0;
   double us = 0;
   for (int k = 0; k < truths; ++k) {

@@ -417,8 +417,8 @@ TEST(ModelBias, RedoneOrSwitchedOnByItselfIsAReplayFromScratchBitByBit) {
     EXPECT_EQ(late.result().mean, early.result().mean);
     EXPECT_EQ(late.result().covariance, early.result().covariance);
     EXPECT_EQ(late.result().log_evidence, early.result().log_evidence);
-    EXPECT_EQ(late.posterior().points, early.posterior().points);
-    EXPECT_EQ(late.posterior().weights, early.posterior().weights);
+    EXPECT_EQ(late.result().points, early.result().points);
+    EXPECT_EQ(late.result().weights, early.result().weights);
 
     options.bias_correction = BiasCorrectionMode::automatic;
     SequentialUpdate by_itself(front.model, NoiseModel::independent(std), papers_priors(), options);

@@ -6,6 +6,7 @@
 
 #include "knothe/assimilation/testing/random_posteriors.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
+#include "knothe/base/testing/long_form.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -60,7 +61,7 @@ TEST(RandomPosteriors, SumsAlongTheChainAreOneGrid) {
 
 TEST(RandomPosteriors, WhatIsTrustedIsRight) {
   const char* text = std::getenv("KNOTHE_RANDOM_POSTERIORS");
-  const int count = text ? std::atoi(text) : 20;
+  const int count = text ? std::atoi(text) : testing::by_form(6, 20);
   Tally tally;
   for (int i = 0; i < count; ++i)
     check_posteriors(test::RandomPosterior(3 + i % 6, 1000 + static_cast<unsigned>(i)), tally);

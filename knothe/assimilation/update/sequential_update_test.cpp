@@ -262,7 +262,7 @@ TEST(SequentialUpdate, DataAddedInAnyOrderGiveThePosteriorOfEveryStep) {
     std::vector<Eigen::MatrixXd> points;
     for (std::size_t t = 0; t < 5; ++t) {
       lines.push_back(in_order.update(t, t, data.col(static_cast<Eigen::Index>(t))));
-      points.push_back(in_order.posterior().points);
+      points.push_back(in_order.result().points);
     }
     const auto add = [&](std::size_t t) {
       late.add(test::datum(t, data.col(static_cast<Eigen::Index>(t))), t);
@@ -273,7 +273,7 @@ TEST(SequentialUpdate, DataAddedInAnyOrderGiveThePosteriorOfEveryStep) {
     for (std::size_t t : {4u, 1u, 0u, 2u, 3u, 4u}) {
       EXPECT_TRUE(identical(late.conclude(t), lines[t])) << t;
       EXPECT_EQ(late.result().log_evidence_increment, lines[t].log_evidence_increment) << t;
-      EXPECT_EQ(late.posterior().points, points[t]) << t;
+      EXPECT_EQ(late.result().points, points[t]) << t;
     }
     EXPECT_THROW(late.conclude(7), UsageError);
   }

@@ -8,6 +8,7 @@
 #include <memory>
 #include <string>
 
+#include "knothe/base/testing/long_form.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
 #include "knothe/sampling/testing/test_mixtures.hpp"
 #include "knothe/sampling/trust.hpp"
@@ -199,8 +200,8 @@ INSTANTIATE_TEST_SUITE_P(Blocks, RandomTargets, ::testing::Range(0, k_blocks));
 
 TEST_P(RandomTargets, NoPromiseThatFreshPointsDoNotConfirm) {
   const char* count_text = std::getenv("KNOTHE_RANDOM_TARGETS");
-  const int all = count_text != nullptr ? std::atoi(count_text) : 1000;
-  const int in_block = std::max(125, (all + k_blocks - 1) / k_blocks);
+  const int all = count_text != nullptr ? std::atoi(count_text) : testing::by_form(80, 1000);
+  const int in_block = (all + k_blocks - 1) / k_blocks;
   const int first = GetParam() * in_block, count = std::min(all - first, in_block);
   if (count <= 0) GTEST_SKIP() << "all " << all << " targets are in the blocks before";
   MapSolverOptions options;
