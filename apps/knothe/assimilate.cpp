@@ -36,7 +36,7 @@ std::array<std::size_t, 2> redo_range(const std::string& text, std::size_t steps
 
 engine::EngineSetup engine_setup(const project::Project& project, project::UpdateSetup& setup,
                                  const std::string& redo) {
-  setup.options.learn_bias = !redo.empty();
+  setup.problem.update.learn_bias = !redo.empty();
   engine::EngineSetup engine = project::engine_setup(project, setup);
   if (!redo.empty()) engine.corrected_steps = redo_range(redo, setup.time_indices.size());
   return engine;
@@ -58,7 +58,8 @@ int assimilate(const AssimilateArguments& arguments) {
   project::UpdateSetup setup = project::set_up(project);
   auto engine = std::make_unique<engine::Engine>(engine_setup(project, setup, arguments.redo));
   files::require_writable_folder(project.results);
-  report::ResultsWriter results(project, setup.model, setup.measurements, engine->priors(), setup.observed);
+  report::ResultsWriter results(project, setup.model, setup.measurements, engine->priors(),
+                                setup.problem.model);
   tell_what_was_found(project, setup);
   project::RecordedData data(std::move(setup));
   project::PictureMeasurements* const pictures = data.setup().pictures.get();

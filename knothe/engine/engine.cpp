@@ -25,7 +25,7 @@ Engine::Engine(EngineSetup setup)
       assessor_(setup_.model, setup_.noise, priors_, setup_.sensors, setup_.robust,
                 std::exchange(setup_.known_errors, {}), setup_.update.monitor) {
   for (const CandidateModel& candidate : setup_.candidates)
-    candidates_.push_back(make_method(candidate.setup));
+    candidates_.push_back(make_method(candidate.problem));
 }
 
 Engine Engine::with_setup(EngineSetup setup) const {
@@ -50,7 +50,7 @@ void Engine::require_fits(const Datum& datum) const {
     throw UsageError(fmt::format("step {}: the model has {} times, there is no time {}", datum.step,
                                  setup_.model->time.size(), datum.time_index));
   for (const CandidateModel& candidate : setup_.candidates)
-    if (candidate.time_indices.at(datum.time_index) >= candidate.setup.model->time.size())
+    if (candidate.time_indices.at(datum.time_index) >= candidate.problem.model->time.size())
       throw DataError(fmt::format("step {}: the model {} has no time {}", datum.step, candidate.name,
                                   setup_.model->time[datum.time_index]));
 }

@@ -15,8 +15,9 @@ namespace knothe::engine {
 
 struct CandidateModel;
 
-/// What an engine is made of: `engine_of` (project_engine.hpp) makes it from a project file.
-struct EngineSetup : MethodSetup {
+/// What an engine is made of: the problem, and what is asked besides. `engine_setup` (project_engine.hpp)
+/// makes it from a project file.
+struct EngineSetup : assimilation::Problem {
   std::optional<forecast::Forecaster> forecaster;
   forecast::ForecastScores scores;         ///< forecasts to be scored when they come true
   bool watches_sensors = false;            ///< tells sensors that are stuck or silent
@@ -31,7 +32,7 @@ struct EngineSetup : MethodSetup {
 /// where it has no such time.
 struct CandidateModel {
   std::string name;
-  MethodSetup setup;
+  assimilation::Problem problem;
   std::vector<std::size_t> time_indices;
 };
 

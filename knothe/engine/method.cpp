@@ -9,9 +9,9 @@ namespace {
 /// By quadratic forms, in any order: a datum that comes late, or is withdrawn, costs the steps from it on.
 class FormMethod final : public PosteriorMethod {
  public:
-  explicit FormMethod(const MethodSetup& setup)
-      : update_(setup.model, setup.noise, setup.priors, setup.update) {
-    if (setup.corrected_steps) update_.redo((*setup.corrected_steps)[0], (*setup.corrected_steps)[1]);
+  explicit FormMethod(const assimilation::Problem& problem)
+      : update_(problem.model, problem.noise, problem.priors, problem.update) {
+    if (problem.corrected_steps) update_.redo((*problem.corrected_steps)[0], (*problem.corrected_steps)[1]);
   }
 
   void add(assimilation::DatumPointer datum, std::size_t time_index) override {
@@ -34,12 +34,10 @@ class FormMethod final : public PosteriorMethod {
 
 }  // namespace
 
-std::unique_ptr<PosteriorMethod> make_method(const MethodSetup& setup) {
-  assimilation::require_compatible(
-      features_of(setup.update) |
-      assimilation::features_of(setup.robust.gate, setup.robust.degrees_of_freedom));
-  if (!setup.robust.is_active()) return std::make_unique<FormMethod>(setup);
-  return std::make_unique<OrderedMethod>(setup);
+std::unique_ptr<PosteriorMethod> make_method(const assimilation::Problem& problem) {
+  assimilation::require_compatible(features_of(problem));
+  if (!problem.robust.is_active()) return std::make_unique<FormMethod>(problem);
+  return std::make_unique<OrderedMethod>(problem);
 }
 
 }  // namespace knothe::engine

@@ -1,10 +1,10 @@
 #pragma once
 /// @file How the engine turns data into posteriors: by quadratic forms, in any order, or, where values are
 /// judged by those before them, one after the other.
-#include <array>
 #include <memory>
 
 #include "knothe/assimilation/data/data_set.hpp"
+#include "knothe/assimilation/update/problem.hpp"
 #include "knothe/assimilation/update/robust_update.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
 
@@ -33,18 +33,7 @@ class PosteriorMethod {
   [[nodiscard]] virtual const assimilation::SequentialUpdate* update() const { return nullptr; }
 };
 
-/// What a method is made of.
-struct MethodSetup {
-  std::shared_ptr<const reduction::ObservedModel> model;  ///< at the sensors
-  assimilation::NoiseModel noise;                         ///< of a datum without noise of its own
-  std::vector<assimilation::Prior> priors;                ///< in the order of the model's parameters
-  assimilation::UpdateOptions update;
-  /// Steps to assimilate with the corrected model, first and last; needs `update.learn_bias`.
-  std::optional<std::array<std::size_t, 2>> corrected_steps;
-  assimilation::RobustOptions robust;  ///< gating, Student-t
-};
-
 /// UsageError for options that do not go together.
-[[nodiscard]] std::unique_ptr<PosteriorMethod> make_method(const MethodSetup& setup);
+[[nodiscard]] std::unique_ptr<PosteriorMethod> make_method(const assimilation::Problem& problem);
 
 }  // namespace knothe::engine

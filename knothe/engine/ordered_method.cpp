@@ -7,14 +7,14 @@ namespace knothe::engine {
 using assimilation::Datum;
 using assimilation::DatumKey;
 
-OrderedMethod::OrderedMethod(const MethodSetup& setup) : setup_(setup) {
+OrderedMethod::OrderedMethod(const assimilation::Problem& problem) : problem_(problem) {
   begin_anew();
 }
 
 void OrderedMethod::begin_anew() {
   last_.reset();
-  robust_ = std::make_unique<assimilation::RobustUpdate>(setup_.model, setup_.noise, setup_.priors,
-                                                         setup_.update, setup_.robust);
+  robust_ = std::make_unique<assimilation::RobustUpdate>(problem_.model, problem_.noise, problem_.priors,
+                                                         problem_.update, problem_.robust);
 }
 
 void OrderedMethod::add(assimilation::DatumPointer datum, std::size_t time_index) {
@@ -33,8 +33,8 @@ void OrderedMethod::assimilate(const Place& place, const Timed& timed) {
   const Datum& datum = *timed.datum;
   const std::size_t step = place.first;
   number_ = last_ ? std::max(step, number_ + 1) : step;
-  if (datum.noise || (number_ != step && has_own_noise(setup_.noise, step))) {
-    const assimilation::GaussianNoise& noise = datum.noise ? *datum.noise : setup_.noise.at_step(step);
+  if (datum.noise || (number_ != step && has_own_noise(problem_.noise, step))) {
+    const assimilation::GaussianNoise& noise = datum.noise ? *datum.noise : problem_.noise.at_step(step);
     robust_->set_step_noise(number_, noise);
   }
   result_ = robust_->update(number_, timed.time_index, datum.values);

@@ -9,7 +9,7 @@ namespace knothe::engine {
 /// A datum that comes late, or is withdrawn, makes the method begin again from the first: n updates.
 class OrderedMethod : public PosteriorMethod {
  public:
-  explicit OrderedMethod(const MethodSetup& setup);
+  explicit OrderedMethod(const assimilation::Problem& problem);
 
   void add(assimilation::DatumPointer datum, std::size_t time_index) override;
   void withdraw(std::size_t step, const assimilation::DatumKey& key) override;
@@ -30,7 +30,7 @@ class OrderedMethod : public PosteriorMethod {
   void begin_anew();
   void assimilate(const Place& place, const Timed& timed);
 
-  MethodSetup setup_;
+  assimilation::Problem problem_;
   std::unique_ptr<assimilation::RobustUpdate> robust_;
   std::map<Place, Timed> data_;
   std::optional<Place> last_;  ///< assimilated

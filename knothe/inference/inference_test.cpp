@@ -7,12 +7,12 @@
 
 #include "knothe/assimilation/update/tensor_quadrature.hpp"
 #include "knothe/base/error.hpp"
-#include "knothe/inference/bridge_sampling.hpp"
 #include "knothe/inference/comparison.hpp"
 #include "knothe/inference/testing/test_models.hpp"
 #include "knothe/inference/umbridge_protocol.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
+#include "knothe/sampling/bridge_sampling.hpp"
 #include "knothe/sampling/testing/test_targets.hpp"
 
 namespace knothe::inference {
@@ -92,7 +92,7 @@ TEST(BridgeSampling, FindsTheEvidenceOfABanana) {
   draws.col(1) += 0.5 * draws.col(0).cwiseAbs2();
   // In no order: every other point of a Sobol sequence lies in one half of the plane.
   draws = numerics::resample(draws, Eigen::VectorXd::Constant(4096, 1.0 / 4096), 4096, 11);
-  const BridgeEstimate estimate = bridge_sampling(banana, draws, 4096, 1024, 7);
+  const sampling::BridgeEstimate estimate = sampling::bridge_sampling(banana, draws, 4096, 1024, 7);
   EXPECT_NEAR(estimate.log_evidence, 0, 0.05);
   EXPECT_GT(estimate.error, 0);
   EXPECT_LT(estimate.error, 0.1);

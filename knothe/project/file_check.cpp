@@ -28,8 +28,8 @@ struct PriorAnswers {
 };
 
 PriorAnswers answers_of(const UpdateSetup& setup) {
-  const reduction::ObservedModel& model = *setup.observed;
-  const auto transform = assimilation::truncated_to_box(model, setup.priors);
+  const reduction::ObservedModel& model = *setup.problem.model;
+  const auto transform = assimilation::truncated_to_box(model, setup.problem.priors);
   const auto w = assimilation::prior_functions(*model.functions, *transform);
   const Eigen::VectorXd std = setup.measurements.noise.measurement().standard_deviations();
   PriorAnswers answers;
@@ -84,7 +84,7 @@ void check_sensitivity(const UpdateSetup& setup, const PriorAnswers& answers, Fi
   const Eigen::VectorXd variance = (1 + axes.eigenvalues().array().max(0)).inverse();
   for (Index a = 0; a < d; ++a) {
     const double factor = 1 / std::sqrt(axes.eigenvectors().row(a).cwiseAbs2().dot(variance));
-    const std::string& name = setup.observed->parameters[a];
+    const std::string& name = setup.problem.model->parameters[a];
     if (factor < 1.5)
       check.warnings.push_back(fmt::format(
           "the data carry almost no information on {}: together they narrow its prior by a factor of {:.2g}; "
@@ -131,11 +131,11 @@ FileCheck check_files(const Project& project) {
   (void)make_forecaster(project, setup);
   if (!project.serve.limits.empty()) (void)serve_limits(project, setup);
   check.facts.push_back(fmt::format("model: {}, {}, {}",
-                                    counted(setup.observed->parameters.size(), "parameter"),
+                                    counted(setup.problem.model->parameters.size(), "parameter"),
                                     counted(setup.model.contents().time.size(), "time"),
                                     counted(setup.model.contents().dof_count(), "dof")));
   check.facts.push_back(fmt::format("data: {} at {}, inside the model",
-                                    counted(setup.observed->observations(), "sensor"),
+                                    counted(setup.problem.model->observations(), "sensor"),
                                     counted(setup.time_indices.size(), "time")));
   for (const std::string& name : setup.unused)
     check.warnings.push_back(fmt::format("the series \"{}\" is not used: it has no std", name));

@@ -32,7 +32,7 @@ std::optional<std::size_t> time_of(double horizon, const UpdateSetup& setup) {
   const double step =
       time.size() > 1 ? (time.back() - time.front()) / static_cast<double>(time.size() - 1) : 1;
   for (const std::size_t index : setup.time_indices) {
-    if (std::abs(setup.observed->time[index] - horizon) <= 1e-6 * step) return index;
+    if (std::abs(setup.problem.model->time[index] - horizon) <= 1e-6 * step) return index;
   }
   return std::nullopt;
 }
@@ -51,7 +51,7 @@ forecast::ForecastScores forecasts_to_score(const Project& project, const Update
     for (const auto& output : setup.model.contents().outputs) {
       if (f.quantity == Quantity::output && output.name == f.output) units = output.labels.units;
     }
-    scores.wait_for(f.name, units, *setup.observed, *row, *time_index,
+    scores.wait_for(f.name, units, *setup.problem.model, *row, *time_index,
                     std::hypot(std[*row], f.model_error_std));
   }
   return scores;

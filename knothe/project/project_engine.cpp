@@ -10,10 +10,6 @@
 namespace knothe::project {
 namespace {
 
-engine::MethodSetup method_setup(const UpdateSetup& setup) {
-  return {setup.observed, setup.measurements.noise, setup.priors, setup.options, std::nullopt, setup.robust};
-}
-
 /// Relative to the project file's folder; an absolute path has no such name from a relative folder.
 std::string name_of(const std::string& file, const Project& project) {
   const auto path =
@@ -25,11 +21,12 @@ engine::CandidateModel candidate(const Project& project, const std::string& file
   Project other = project;
   other.model = file;
   const UpdateSetup setup = set_up(other);
-  engine::CandidateModel model{name_of(file, project), method_setup(setup), {}};
-  model.time_indices.assign(first.observed->time.size(), std::numeric_limits<std::size_t>::max());
-  for (std::size_t i = 0; i < first.observed->time.size(); ++i)
-    for (std::size_t j = 0; j < setup.observed->time.size(); ++j)
-      if (std::abs(first.observed->time[i] - setup.observed->time[j]) < 1e-9) model.time_indices[i] = j;
+  engine::CandidateModel model{name_of(file, project), setup.problem, {}};
+  model.time_indices.assign(first.problem.model->time.size(), std::numeric_limits<std::size_t>::max());
+  for (std::size_t i = 0; i < first.problem.model->time.size(); ++i)
+    for (std::size_t j = 0; j < setup.problem.model->time.size(); ++j)
+      if (std::abs(first.problem.model->time[i] - setup.problem.model->time[j]) < 1e-9)
+        model.time_indices[i] = j;
   // The data's own times may differ by rounding.
   for (std::size_t i = 0; i < first.time_indices.size(); ++i)
     model.time_indices[first.time_indices[i]] = setup.time_indices[i];
@@ -40,14 +37,15 @@ engine::CandidateModel candidate(const Project& project, const std::string& file
 
 engine::EngineSetup engine_setup(const Project& project, const UpdateSetup& setup) {
   engine::EngineSetup engine;
-  static_cast<engine::MethodSetup&>(engine) = method_setup(setup);
+  static_cast<assimilation::Problem&>(engine) = setup.problem;
   engine.forecaster = make_forecaster(project, setup);
   engine.scores = forecasts_to_score(project, setup);
   // A node on a crack is no sensor that fell silent, nor is a camera's drift.
   engine.sensors = setup.measurements.sensors;
-  engine.known_errors = reduction::observe_off_grid(
-      reduction::read_truncation_error(project.model), setup.model.contents(), project.model,
-      setup.measurements.sensors, project.sensors, setup.observed->time, setup.observed->observations());
+  engine.known_errors =
+      reduction::observe_off_grid(reduction::read_truncation_error(project.model), setup.model.contents(),
+                                  project.model, setup.measurements.sensors, project.sensors,
+                                  setup.problem.model->time, setup.problem.model->observations());
   engine.watches_sensors = !setup.pictures && setup.measurements.noise.measurement().is_independent();
   engine.name = name_of(project.model, project);
   for (const std::string& file : project.candidates)
@@ -66,8 +64,8 @@ std::optional<RecordedData::Item> RecordedData::next(const Eigen::VectorXd& mean
   const auto column = static_cast<Eigen::Index>(step);
   if (setup_.pictures) {
     if (mean.size() != 0 && step + 1 < size())
-      setup_.pictures->set_increment(setup_.observed->predict(mean, time[step + 1]) -
-                                     setup_.observed->predict(mean, time[step]));
+      setup_.pictures->set_increment(setup_.problem.model->predict(mean, time[step + 1]) -
+                                     setup_.problem.model->predict(mean, time[step]));
     item.picture = setup_.pictures->next();
     item.datum.noise = item.picture->noise;
     setup_.measurements.values.col(column) = item.picture->values;

@@ -63,9 +63,9 @@ int main(int argc, char** argv) {
   const engine::EngineSetup engine_setup = project::engine_setup(project, setup);
   const std::size_t steps = setup.measurements.time.size();
   fmt::print("{}, 1 thread; {} form, r = {}, {} dofs, {} steps, {} repeats, method {}, tolerance {:g}\n",
-             processor(), reduction::to_text(setup.model.contents().form), setup.observed->functions->count(),
-             setup.observed->observations(), steps, repeats, to_text(project.method.kind),
-             project.method.update.map.tolerance);
+             processor(), reduction::to_text(setup.model.contents().form),
+             setup.problem.model->functions->count(), setup.problem.model->observations(), steps, repeats,
+             to_text(project.method.kind), project.method.update.map.tolerance);
   std::vector<double> all, processor_time, forecast, early, middle, late, posterior, watch, verdict;
   for (int repeat = 0; repeat < repeats + 1; ++repeat) {
     engine::Engine engine(engine_setup);

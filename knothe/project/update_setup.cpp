@@ -185,13 +185,13 @@ UpdateSetup set_up(const Project& given, assimilation::Features features, bool l
                                    pictures ? project.pictures.folder : project.data);
   if (project.method.truncation_error) data.measurements.noise = noise_with_truncation(project, whole, data);
   refuse_conflicts(project, features | features_of(data.measurements.noise));
+  assimilation::Problem problem{
+      std::move(data.observed),       data.measurements.noise,        std::move(priors),
+      update_options(project.method), robust_options(project.method), std::nullopt};
   return {with_known_fixed(project, whole, data.known),
           std::move(data.measurements),
-          std::move(data.observed),
+          std::move(problem),
           std::move(data.time_indices),
-          std::move(priors),
-          update_options(project.method),
-          robust_options(project.method),
           std::move(pictures),
           std::move(data.unused)};
 }
@@ -224,7 +224,7 @@ forecast::Forecaster make_forecaster(const Project& project, const UpdateSetup& 
 
 assimilation::PlausibleRange serve_limits(const Project& project, const UpdateSetup& setup) {
   const reduction::Sensors& sensors = setup.measurements.sensors;
-  assimilation::PlausibleRange range(*setup.observed, sensors,
+  assimilation::PlausibleRange range(*setup.problem.model, sensors,
                                      setup.measurements.noise.measurement().standard_deviations());
   std::vector<std::string> names = {"displacement"};
   names.insert(names.end(), sensors.scalars.begin(), sensors.scalars.end());

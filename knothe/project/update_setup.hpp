@@ -8,9 +8,7 @@
 
 #include "knothe/assimilation/data/measurements.hpp"
 #include "knothe/assimilation/data/plausible_range.hpp"
-#include "knothe/assimilation/noise/noise_model.hpp"
-#include "knothe/assimilation/update/robust_update.hpp"
-#include "knothe/assimilation/update/sequential_update.hpp"
+#include "knothe/assimilation/update/problem.hpp"
 #include "knothe/project/picture_measurements.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/reduction/model/separated_model.hpp"
@@ -22,11 +20,8 @@ namespace knothe::project {
 struct UpdateSetup {
   reduction::SeparatedModel model;
   assimilation::Measurements measurements;
-  std::shared_ptr<const reduction::ObservedModel> observed;
-  std::vector<std::size_t> time_indices;    ///< of `observed`, per measured time
-  std::vector<assimilation::Prior> priors;  ///< in the project file's order
-  assimilation::UpdateOptions options;
-  assimilation::RobustOptions robust;             ///< gating, Student-t
+  assimilation::Problem problem;                  ///< parameters in the project file's order
+  std::vector<std::size_t> time_indices;          ///< of the observed model, per measured time
   std::shared_ptr<PictureMeasurements> pictures;  ///< where data come from pictures, one by one; else null
   std::vector<std::string> unused;                ///< series of the data that are not used: they have no std
 };

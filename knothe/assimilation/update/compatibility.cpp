@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "knothe/assimilation/update/update_options.hpp"
+#include "knothe/assimilation/update/problem.hpp"
 #include "knothe/base/error.hpp"
 
 namespace knothe::assimilation {
@@ -182,6 +182,11 @@ Features features_of(double gate, double degrees_of_freedom) {
   add(features, F::robust, gate > 0 || degrees_of_freedom > 0);
   add(features, F::linked, degrees_of_freedom > 0);
   return features;
+}
+
+Features features_of(const Problem& problem) {
+  return features_of(problem.update) | features_of(problem.noise) |
+         features_of(problem.robust.gate, problem.robust.degrees_of_freedom);
 }
 
 Conflict find_conflict(const Features& features) {

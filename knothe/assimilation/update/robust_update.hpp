@@ -6,20 +6,11 @@
 #include <vector>
 
 #include "knothe/assimilation/data/sensor_watch.hpp"
+#include "knothe/assimilation/update/robust_options.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/assimilation/update/student_update.hpp"
 
 namespace knothe::assimilation {
-
-struct RobustOptions {
-  /// Values whose test ratio is larger are rejected; 0: none. Not where more than half of the sensors would
-  /// be: then it is the model that is wrong, or the load, not the sensors.
-  double gate = 0;
-  /// The noise of each sensor is Student-t with this many degrees of freedom; 0: Gaussian. Independent noise
-  /// only.
-  double degrees_of_freedom = 0;
-  [[nodiscard]] bool is_active() const { return gate > 0 || degrees_of_freedom > 0; }
-};
 
 /// What a datum says about the sensors, all n.
 struct SensorReport {

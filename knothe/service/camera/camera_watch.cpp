@@ -116,7 +116,7 @@ void CameraWatch::receive() {
 
 const std::vector<double>& CameraWatch::times() const {
   const std::vector<double>& given = site_->project().pictures.times;
-  return given.empty() ? site_->setup().observed->time : given;
+  return given.empty() ? site_->setup().problem.model->time : given;
 }
 
 /// The last frame before this start.

@@ -37,7 +37,7 @@ ServedModel model_of(const JournalReader& journal, const project::Project& proje
 /// The data that count, by step and key, as the engine is to see them.
 std::vector<JournalEntry> counting_entries(const JournalReader& journal, const project::UpdateSetup& setup) {
   const auto sensors = static_cast<std::size_t>(setup.measurements.observation_count());
-  SensorSwitches switches(setup.observed->time);
+  SensorSwitches switches(setup.problem.model->time);
   for (const LogbookEntry& entry : journal.logbook()) switches.add(entry);
   std::vector<JournalEntry> entries;
   journal.for_each([&](JournalEntry entry) {
@@ -45,7 +45,7 @@ std::vector<JournalEntry> counting_entries(const JournalReader& journal, const p
     if (entry.measurement.values.size() != sensors)
       throw DataError(fmt::format("{}: record {} has {} values; the project has {} sensors", journal.path(),
                                   entry.id, entry.measurement.values.size(), sensors));
-    match_step(entry, setup.observed->time, journal.path());
+    match_step(entry, setup.problem.model->time, journal.path());
     entry.measurement = switches.seen(std::move(entry.measurement));
     entries.push_back(std::move(entry));
   });
@@ -99,7 +99,8 @@ void write_results(const Opened& opened, const std::string& folder) {
   // The data as a file has them: one column per step, the last datum of each.
   assimilation::Measurements measurements = opened.model.setup.measurements;
   measurements.time.clear();
-  for (const std::size_t step : steps) measurements.time.push_back(opened.model.setup.observed->time[step]);
+  for (const std::size_t step : steps)
+    measurements.time.push_back(opened.model.setup.problem.model->time[step]);
   measurements.values.resize(measurements.values.rows(), std::ssize(steps));
   report::ResultsWriter writer(opened.model.project, opened.model.setup.model, measurements, engine.priors());
   const auto start = std::chrono::steady_clock::now();

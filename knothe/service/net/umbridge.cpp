@@ -134,7 +134,7 @@ Json UmBridge::respond(const HttpRequest& request) {
     *call.models = {call.models->served, call.site, nullptr, nullptr, nullptr};
   call.models->use(call.site->model());
   const Site& site = *call.site;
-  const auto d = std::ssize(site.setup().priors);
+  const auto d = std::ssize(site.setup().problem.priors);
   const bool derivatives = call.name != "predict";
   if (request.path == "/ModelInfo")
     return {{"support",
@@ -146,7 +146,7 @@ Json UmBridge::respond(const HttpRequest& request) {
   if (request.path == "/OutputSizes") {
     const auto forecasts = std::ssize(site.project().forecasts);
     return {{"outputSizes",
-             {call.name == "forward"     ? site.setup().observed->observations()
+             {call.name == "forward"     ? site.setup().problem.model->observations()
               : call.name == "posterior" ? 1
                                          : forecasts}}};
   }
@@ -157,7 +157,7 @@ Json UmBridge::respond(const HttpRequest& request) {
   if (!input.is_array() || input.size() != 1) invalid_input("\"input\" must hold one vector");
   call.p = read_vector(input[0], d, "input[0]");
   if (const auto it = config.find("step"); it != config.end()) {
-    const std::int64_t last = static_cast<std::int64_t>(site.setup().observed->time.size()) - 1;
+    const std::int64_t last = static_cast<std::int64_t>(site.setup().problem.model->time.size()) - 1;
     if (!it->is_number_integer() || it->get<std::int64_t>() < 0 || it->get<std::int64_t>() > last)
       invalid_input(fmt::format("config.step must be a step of the model, 0 to {}", last));
     call.step = it->get<std::size_t>();
@@ -212,7 +212,7 @@ Json UmBridge::apply_hessian(Call& call) {
   require_block(call.request, "inWrt1");
   require_block(call.request, "inWrt2");
   const bool forward = call.name == "forward";
-  const Eigen::Index m = forward ? call.site->setup().observed->observations() : 1;
+  const Eigen::Index m = forward ? call.site->setup().problem.model->observations() : 1;
   const Eigen::VectorXd sensitivity = read_vector(member(call.request, "sens"), m, "sens");
   const Eigen::VectorXd vec = read_vector(member(call.request, "vec"), call.p.size(), "vec");
   if (forward) {
@@ -225,7 +225,7 @@ Json UmBridge::apply_hessian(Call& call) {
 }
 
 void UmBridge::evaluate_forward(Call& call, int derivatives, const Eigen::VectorXd& sensitivity) {
-  const reduction::ObservedModel& observed = *call.models->model->setup.observed;
+  const reduction::ObservedModel& observed = *call.models->model->setup.problem.model;
   const Eigen::Index d = call.p.size(), m = observed.observations();
   inference::SeparatedForwardModel model(observed, {call.step.value_or(observed.time.size() - 1)}, "forward");
   if (derivatives == 0) {
@@ -261,7 +261,7 @@ void UmBridge::evaluate_posterior(Call& call, int derivatives) {
   call.models->use(std::move(model));
   auto& density = call.models->density;
   if (!density) {
-    const auto& functions = call.models->model->setup.observed->functions;
+    const auto& functions = call.models->model->setup.problem.model->functions;
     reduction::FunctionBatch batch;
     batch.resize(1, d, functions->count(), 0);
     functions->evaluate(site.centre().transpose(), 0, batch);

@@ -1,11 +1,13 @@
 #include <fcntl.h>
 #include <fmt/format.h>
+
 #include <sqlite3.h>
 #include <sys/resource.h>
 #include <sys/statvfs.h>
 #include <sys/timex.h>
 #include <unistd.h>
 #include <Eigen/Core>
+#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <boost/version.hpp>
@@ -195,8 +197,8 @@ void report_service(Report& report, const std::string& path, bool sends_alarms) 
   std::vector<double> times;
   report_found(report, "model", [&] {
     const project::UpdateSetup setup = project::set_up_online(*project);
-    times = setup.observed->time;
-    return fmt::format("{}: {}, {}, {}", project->model, counted(setup.priors.size(), "parameter"),
+    times = setup.problem.model->time;
+    return fmt::format("{}: {}, {}, {}", project->model, counted(setup.problem.priors.size(), "parameter"),
                        counted(times.size(), "step"),
                        counted(setup.measurements.observation_count(), "sensor"));
   });

@@ -164,7 +164,7 @@ FolderWatch::Place FolderWatch::place_of(const std::string& name) const {
         fmt::format("{}: neither a number in its name nor a table {} says its time", name, k_times));
   const std::int64_t index = *number - site_->project().serve.first_picture;
   const std::vector<double>& given = site_->project().pictures.times;
-  const std::vector<double>& times = given.empty() ? site_->setup().observed->time : given;
+  const std::vector<double>& times = given.empty() ? site_->setup().problem.model->time : given;
   if (index < 0 || static_cast<std::size_t>(index) >= times.size())
     throw DataError(
         fmt::format("{}: picture number {} would have time number {} of {} (serve.first_picture is {})", name,
@@ -230,7 +230,7 @@ FolderWatch::StoreOutcome FolderWatch::ingest_table(const std::string& name) {
       if (!among(scalars, series) && !among(unused, series))
         throw DataError(
             fmt::format("{}: this site does not take \"{}\"{}", name, series, did_you_mean(series, scalars)));
-    const auto steps = assimilation::match_times(table.time, site_->setup().observed->time, name);
+    const auto steps = assimilation::match_times(table.time, site_->setup().problem.model->time, name);
     const auto sensors = static_cast<std::size_t>(site_->setup().measurements.observation_count());
     for (std::size_t t = 0; t < steps.size(); ++t) {
       Measurement measurement;

@@ -54,7 +54,7 @@ Intake::Measured Intake::measure(const PictureStamp& stamp, const files::Picture
 
 std::optional<std::size_t> Intake::step_of(double time) const {
   try {
-    return assimilation::match_times({&time, 1}, site_->setup().observed->time, "the picture")[0];
+    return assimilation::match_times({&time, 1}, site_->setup().problem.model->time, "the picture")[0];
   } catch (const DataError&) {
     return std::nullopt;  // it will be refused
   }
@@ -69,7 +69,7 @@ Eigen::VectorXd Intake::increment_to(std::optional<std::size_t> step) {
   }
   const auto line = site_->lines().line(*before);
   if (!line) return {};
-  const reduction::ObservedModel& model = *site_->setup().observed;
+  const reduction::ObservedModel& model = *site_->setup().problem.model;
   return model.predict(line->mean, *step) - model.predict(line->mean, *last);
 }
 

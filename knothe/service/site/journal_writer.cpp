@@ -70,7 +70,7 @@ JournalWriter::JournalWriter(const project::Project& project, const project::Upd
       listener_(std::move(listener)),
       journal_(options_.journal),
       id_(journal_.id()),
-      switches_(setup.observed->time) {
+      switches_(setup.problem.model->time) {
   for (const LogbookEntry& entry : journal_.logbook()) follow(entry);
 }
 
@@ -82,7 +82,7 @@ void JournalWriter::follow(const LogbookEntry& entry) {
 /// Data of all times are there in the model: an index of a step is that of the model it was recorded with.
 void JournalWriter::require_times() const {
   journal_.for_each([&](JournalEntry entry) {
-    if (!entry.withdrawn) match_step(entry, setup_.observed->time, journal_.path());
+    if (!entry.withdrawn) match_step(entry, setup_.problem.model->time, journal_.path());
   });
 }
 
@@ -197,13 +197,13 @@ void JournalWriter::replay() {
     if (key.source == k_pictures_source || key.source == k_csv_source) from_folders.insert(key);
     if (entry.withdrawn) {
       // Readers may still have the line that it once gave, if it was one of this model.
-      const auto step = assimilation::matching_time(entry.measurement.time, setup_.observed->time);
+      const auto step = assimilation::matching_time(entry.measurement.time, setup_.problem.model->time);
       if (!step) return;
       entry.measurement.step = static_cast<std::int64_t>(*step);
       past.push_back({entry.measurement, start, Arrival::Kind::withdrawn});
       return;
     }
-    match_step(entry, setup_.observed->time, journal_.path());
+    match_step(entry, setup_.problem.model->time, journal_.path());
     entry.measurement = switches_.seen(std::move(entry.measurement));
     count_seq(key);
     if (entry.counts()) {
@@ -269,7 +269,7 @@ void JournalWriter::ingest(Measurement datum, std::function<void(Answer)> done) 
   check_values(datum);
   try {
     datum.step = static_cast<std::int64_t>(
-        assimilation::match_times({&datum.time, 1}, setup_.observed->time, "the datum")[0]);
+        assimilation::match_times({&datum.time, 1}, setup_.problem.model->time, "the datum")[0]);
   } catch (const DataError& error) {
     throw RequestError(400, "UnknownTime", error.what());
   }
@@ -481,7 +481,7 @@ JournalWriter::Answer JournalWriter::write(const Release& release, MonotonicTime
     return RequestError(404, "NotQuarantined",
                         fmt::format("there is no quarantined datum of source \"{}\", session \"{}\", seq {}",
                                     release.key.source, release.key.session, release.key.seq));
-  match_step(*entry, setup_.observed->time, journal_.path());
+  match_step(*entry, setup_.problem.model->time, journal_.path());
   if (!entry->released) written.arrivals.push_back({switches_.seen(entry->measurement), at});
   written.no_longer_quarantined.push_back(*entry);
   return Appended{entry->released ? AppendOutcome::duplicate : AppendOutcome::accepted,
@@ -499,7 +499,7 @@ JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, Monoton
     return RequestError(404, "UnknownDatum",
                         fmt::format("there is no datum of source \"{}\", session \"{}\", seq {}", key.source,
                                     key.session, key.seq));
-  if (const auto step = assimilation::matching_time(entry->measurement.time, setup_.observed->time))
+  if (const auto step = assimilation::matching_time(entry->measurement.time, setup_.problem.model->time))
     entry->measurement.step = static_cast<std::int64_t>(*step);
   if (!entry->withdrawn) {
     if (entry->counts()) written.arrivals.push_back({entry->measurement, at, Arrival::Kind::withdrawn});
@@ -526,7 +526,7 @@ JournalWriter::Answer JournalWriter::write(const LogbookEntry& entry, MonotonicT
   const std::size_t from = switches_.first_step(kept.time);
   journal_.for_each([&](JournalEntry record) {
     if (!record.counts()) return;
-    match_step(record, setup_.observed->time, journal_.path());
+    match_step(record, setup_.problem.model->time, journal_.path());
     if (static_cast<std::size_t>(record.measurement.step) < from) return;
     Measurement seen = switches_.seen(record.measurement);
     if (!same_values(seen, before.seen(record.measurement)))

@@ -56,7 +56,7 @@ std::shared_ptr<Line> make_line(const engine::StepResult& step, std::shared_ptr<
   line->notice = result.notice;
   line->stuck = step.stuck, line->absent = step.absent;
   line->bias_functions = step.bias_functions, line->bias_sensors = step.bias_sensors;
-  line->residual = values - setup.observed->predict(result.mean, result.step);
+  line->residual = values - setup.problem.model->predict(result.mean, result.step);
   for (Eigen::Index i = 0; i < line->residual.size(); ++i) {
     line->missing.push_back(std::isnan(line->residual[i]));
     if (line->missing.back()) line->residual[i] = 0;

@@ -104,7 +104,7 @@ LogbookEntry ServedSite::begin_test(const EntryRequest& asked) {
   if (test == current()->test())
     throw RequestError(409, "TestExists", fmt::format("{} is the one that runs", test_in_words(test)));
   require_unused(project_.serve.journal, test);
-  return change_to(test, {0, EntryKind::test_begun, 0, current()->setup().observed->time.front(),
+  return change_to(test, {0, EntryKind::test_begun, 0, current()->setup().problem.model->time.front(),
                           asked.author, asked.text, 0});
 }
 
@@ -117,7 +117,7 @@ LogbookEntry ServedSite::resume_test(const EntryRequest& asked) {
                        fmt::format("there is no test \"{}\"; GET /v1/tests lists them", test));
   if (test == current()->test())
     return current()->journal().enter(current()->entry(EntryKind::test_resumed, asked));
-  return change_to(test, {0, EntryKind::test_resumed, 0, current()->setup().observed->time.front(),
+  return change_to(test, {0, EntryKind::test_resumed, 0, current()->setup().problem.model->time.front(),
                           asked.author, asked.text, 0});
 }
 

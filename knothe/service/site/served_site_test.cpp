@@ -45,9 +45,9 @@ class ServedSiteTest : public ::testing::Test {
     const auto site = served_->current();
     Measurement datum;
     datum.key = {"camera", "s", static_cast<std::int64_t>(step)};
-    datum.time = site->setup().observed->time[step];
+    datum.time = site->setup().problem.model->time[step];
     const Eigen::Vector2d parameters(of, 1.0);
-    const Eigen::VectorXd values = site->setup().observed->predict(parameters, step);
+    const Eigen::VectorXd values = site->setup().problem.model->predict(parameters, step);
     datum.values.assign(values.begin(), values.end());
     datum.status.assign(datum.values.size(), 0);
     std::promise<bool> stored;

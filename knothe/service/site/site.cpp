@@ -38,13 +38,13 @@ Site::Site(project::Project project, SiteSettings settings, Metrics& metrics)
            },
            [this](const Measurement& measurement, const std::string& reason) { doubt(measurement, reason); },
            [this](const LogbookEntry& entry) { note_down(entry); }, settings_.changed}),
-      logbook_(setup_.observed->time, {}),
+      logbook_(setup_.problem.model->time, {}),
       alarms_(project_.forecasts, next_event_,
               [this](const Alarm& alarm) {
                 journal_.store_alarm(alarm);
                 if (!alarm.severity.empty()) settings_.send(alarm);
               }),
-      pictures_(setup_.observed->time),
+      pictures_(setup_.problem.model->time),
       health_(project_.serve, settings_.strict_deadline) {
   journal_.identify(identity_);
   starts_ = journal_.count_start(settings_.min_start);
@@ -241,7 +241,7 @@ void Site::apply_arrivals(const std::vector<Arrival>& arrivals) {
 }
 
 void Site::add(const Measurement& measurement) {
-  if (measurement.step < 0 || static_cast<std::size_t>(measurement.step) >= setup_.observed->time.size())
+  if (measurement.step < 0 || static_cast<std::size_t>(measurement.step) >= setup_.problem.model->time.size())
     throw DataError(fmt::format("step {} is not one of this model", measurement.step));
   const auto datum = std::make_shared<const assimilation::Datum>(measurement.datum());
   const std::lock_guard lock(engine_mutex_);
@@ -258,7 +258,7 @@ void Site::withdraw(const Measurement& measurement) {
 
 /// True if its step no longer has data.
 bool Site::remove(const Measurement& measurement) {
-  if (measurement.step < 0 || static_cast<std::size_t>(measurement.step) >= setup_.observed->time.size())
+  if (measurement.step < 0 || static_cast<std::size_t>(measurement.step) >= setup_.problem.model->time.size())
     return false;  // it never came in
   const auto step = static_cast<std::size_t>(measurement.step);
   const std::lock_guard lock(engine_mutex_);
@@ -277,7 +277,7 @@ bool Site::remove(const Measurement& measurement) {
 void Site::retract(std::size_t step) {
   auto gone = std::make_shared<Line>();
   gone->step = step;
-  gone->time = setup_.observed->time[step];
+  gone->time = setup_.problem.model->time[step];
   gone->withdrawn = true;
   gone->event = next_event_++;
   gone->json = files::json_line(Json{
@@ -452,7 +452,7 @@ void Site::check_delays() {
 
 /// The model time of a step; without one, of the latest.
 double Site::time_of(std::optional<std::int64_t> step) const {
-  const std::vector<double>& times = setup_.observed->time;
+  const std::vector<double>& times = setup_.problem.model->time;
   const auto latest = lines_.latest();
   if (!step) return times[latest ? latest->step : 0];
   if (static_cast<std::size_t>(*step) >= times.size())
@@ -507,7 +507,7 @@ LogbookEntry Site::entry(EntryKind kind, const EntryRequest& request, std::int64
                            fmt::format("there is no alarm {} among the last {}", alarm, SiteAlarms::k_kept));
       const auto step = static_cast<std::size_t>(std::max<std::int64_t>(found->step, 0));
       entry.subject = alarm;
-      entry.time = setup_.observed->time[std::min(step, setup_.observed->time.size() - 1)];
+      entry.time = setup_.problem.model->time[std::min(step, setup_.problem.model->time.size() - 1)];
       break;
     }
     case EntryKind::verification_asked:

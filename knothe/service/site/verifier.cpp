@@ -165,7 +165,7 @@ std::shared_ptr<const ServedModel> Verifier::refine(const Question& question) {
   Verification v = question.model->verification;
   const std::string folder = refinement_folder(journal_, v.base);
   v.thorough = question.thorough;
-  v.time = question.model->setup.observed->time.at(question.step);
+  v.time = question.model->setup.problem.model->time.at(question.step);
   v.trouble.clear();
   try {
     auto engine = engine_of(*question.model, question.data);
