@@ -49,7 +49,7 @@ const assimilation::UpdateResult& OrderedMethod::conclude(std::size_t step) {
          it != data_.end() && it->first.first <= step; ++it)
       assimilate(it->first, it->second);
   } catch (...) {
-    begin_anew();  // a posterior that is half one datum's, half another's is nobody's
+    begin_anew();  // discard the partial update
     throw;
   }
   return result_;

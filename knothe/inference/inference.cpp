@@ -235,7 +235,8 @@ InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
       break;
     }
     default:
-      throw UsageError(fmt::format("\"{}\" is no method of inference at once", to_text(r.method)));
+      throw UsageError(
+          fmt::format("\"{}\" needs sequential data: use `knothe assimilate`", to_text(r.method)));
   }
   const numerics::Moments moments = numerics::moments_of(r.points, r.weights);
   r.mean = moments.mean;

@@ -60,7 +60,7 @@ FewPoints all_alike(Eigen::MatrixXd points) {
 
 }  // namespace
 
-/// Rows at the cumulative weights (j + ½)/n: as good as the order of the rows is even, and no dice.
+/// Rows at the cumulative weights (j + ½)/n: deterministic; accuracy depends on evenly ordered rows.
 Eigen::MatrixXd equally_likely(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                const Eigen::Ref<const Eigen::VectorXd>& weights) {
   assert(points.rows() == weights.size() && points.rows() > 0);

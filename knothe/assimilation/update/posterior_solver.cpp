@@ -26,7 +26,7 @@ constexpr double k_quadrature_below = 0.98;
 /// Of the log-evidence, of means and standard deviations in standard deviations; and of the mass left out at
 /// the border of the grid, which costs moments a few times as much.
 constexpr double k_converged = 0.01, k_border_mass = 1e-3;
-/// As many nodes as another way takes time for.
+/// Beyond this many nodes another method is cheaper.
 constexpr Eigen::Index k_max_quadrature_nodes = 60'000, k_max_nodes_of_three = 600'000;
 /// Beyond these particles do not find the mass; and of so many a posterior consists at most.
 constexpr Eigen::Index k_max_particle_parameters = 8, k_max_particles = 4096;

@@ -133,7 +133,7 @@ const UpdateResult& SequentialUpdate::conclude(std::size_t step, bool every) {
     try {
       assimilate(it->first);
     } catch (...) {
-      restart();  // a posterior that is half one step's, half another's is nobody's
+      restart();  // discard the partial update
       throw;
     }
   }

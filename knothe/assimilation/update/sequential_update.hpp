@@ -43,7 +43,7 @@ class SequentialUpdate {
   /// assimilated it; with no step left they are empty. UsageError for a step that is not there.
   const UpdateResult& remove(std::size_t step);
 
-  /// The halves of `update`, for who holds many data at once (a journal that is replayed, several data of one
+  /// The halves of `update`, for batches of data (a journal that is replayed, several data of one
   /// step). `add` makes no posterior; a datum takes the place of one with its key. Errors: DataError for one
   /// that cannot be assimilated, and then nothing has changed. `time_index`: of this update's model.
   void add(DatumPointer datum, std::size_t time_index);

@@ -20,7 +20,7 @@ namespace {
 
 constexpr std::chrono::seconds k_idle{1};      // then the journal is looked after
 constexpr std::size_t k_largest_group = 256;   // measurements in one commit
-constexpr std::size_t k_longest_queue = 4096;  // then 503: memory is not for ever
+constexpr std::size_t k_longest_queue = 4096;  // then 503: memory is finite
 constexpr double k_largest_value = 1e60;       // in standard deviations: its square must not overflow
 
 /// What stands behind the displacements, in words.

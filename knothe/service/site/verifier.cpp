@@ -17,7 +17,7 @@ namespace knothe::service {
 namespace {
 
 constexpr int k_nice = 10;                     // of the thread, and of the solvers that it starts
-constexpr std::size_t k_results_at_once = 64;  // what waits to be shown: memory is not for ever
+constexpr std::size_t k_results_at_once = 64;  // what waits to be shown: memory is finite
 
 std::unique_ptr<engine::Engine> engine_of(const ServedModel& model, const assimilation::DataSet& data) {
   auto engine = std::make_unique<engine::Engine>(model.engine_setup());
