@@ -74,7 +74,7 @@ void ResultsWriter::add_step(const engine::StepResult& result,
 
 void ResultsWriter::use(const project::Refinement& refinement) {
   model_ = refinement.setup()->model;
-  observed_ = refinement.setup()->observed;
+  observed_ = refinement.setup()->problem.model;
   run_.forget_model();
   refinement_ = {{"model", refinement.file()},
                  {"version", refinement.version()},
