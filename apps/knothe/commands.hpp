@@ -76,6 +76,7 @@ int infer(const InferArguments& arguments);
 
 struct ForecastArguments {
   std::string project;
+  bool inverse_map = false;  ///< Eq. 33 with the inverse transport map of the predicted field
   bool json = false;
 };
 int forecast(const ForecastArguments& arguments);

@@ -24,7 +24,9 @@ int forecast(const ForecastArguments& arguments) {
   forecast::Forecaster forecaster = project::make_forecaster(project, setup);
   auto forecasts = forecaster.update(stored.points, stored.weights);
   forecast::mark_past(forecasts, stored.time);
-  const auto published = forecaster.published(stored.points, stored.weights);
+  using Density = forecast::Forecaster::FieldDensity;
+  const auto published = forecaster.published(stored.points, stored.weights,
+                                              arguments.inverse_map ? Density::inverse_map : Density::normal);
   if (arguments.json) {
     nlohmann::ordered_json line = {{"step", stored.step}, {"time", stored.time}};
     line["forecast"] = report::forecast_record(forecasts, true);
@@ -43,8 +45,9 @@ int forecast(const ForecastArguments& arguments) {
     }
   }
   for (const forecast::NamedForecast& named : published) {
-    fmt::print("  {} by Eq. 33 of the paper (Gaussian approximation of the predicted field): {}\n",
-               named.name, report::value_text(named.forecast.mean, named.forecast.std, "m"));
+    fmt::print("  {} by Eq. 33 of the paper ({} of the predicted field): {}\n", named.name,
+               arguments.inverse_map ? "inverse transport map" : "Gaussian approximation",
+               report::value_text(named.forecast.mean, named.forecast.std, "m"));
   }
   return 0;
 }

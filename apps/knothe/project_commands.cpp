@@ -65,6 +65,9 @@ void add_forecast(CLI::App& app, Command& chosen) {
                           "Forecasts of quantities of interest from the results.",
                           "knothe forecast examples/beam/quick.toml --json");
   command.add_option("FILE", arguments.project, "project file")->required();
+  command.add_flag(
+      "--inverse-map", arguments.inverse_map,
+      "Eq. 33 of the paper with the inverse transport map of the predicted field, not a normal one");
   command.add_flag("--json", arguments.json, "one line of JSON");
 }
 

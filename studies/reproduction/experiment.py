@@ -156,16 +156,30 @@ def assimilate(model, sensors, values, *, seed=1, steps=None, marginals=False, s
 
 
 def forecasts_of(model, sensors, values, horizons, *, seed=1, **method) -> Run:
-    """The same by `knothe assimilate`, with the crack length at each of the horizons (name to model time): the records have Eq. 33
-    besides."""
+    """The same by `knothe assimilate`, with the crack length at each of the horizons (name to model time): the records have Eq. 33 with
+    a normal field besides, as `published`."""
+    with tempfile.TemporaryDirectory(prefix="knothe-") as folder:
+        forecast_project(folder, model, sensors, values, horizons, seed, method)
+        return Run([json.loads(line) for line in Path(folder, "results", "steps.jsonl").read_text().splitlines()])
+
+
+def by_inverse_map(model, sensors, values, horizons, *, seed=1, **method):
+    """Crack lengths by Eq. 33 with the inverse transport map of the predicted field, from the first steps' values: mean and std, m."""
+    with tempfile.TemporaryDirectory(prefix="knothe-") as folder:
+        project = forecast_project(folder, model, sensors, values, horizons, seed, method)
+        found = json.loads(beam.run("forecast", project, "--inverse-map", "--json"))["published"]
+        return {name: np.array([found[name]["mean"], found[name]["std"]]) for name in horizons}
+
+
+def forecast_project(folder, model, sensors, values, horizons, seed, method) -> Path:
+    """A project in that folder, and its results there."""
     tables = "".join(f'[forecast.{name}]\nquantity = "crack_length"\nhorizon = {at}\nthreshold = {beam.LENGTH_PRIOR[0]}\n'
                      f"prior = {{ mean = {beam.LENGTH_PRIOR[0]}, std = {beam.LENGTH_PRIOR[1]} }}\n" for name, at in horizons.items())
-    with tempfile.TemporaryDirectory(prefix="knothe-") as folder:
-        write_data(os.path.join(folder, "data.h5"), model_of(model).times, sensors, values)
-        project = Path(folder, "project.toml")
-        project.write_text(project_text(Path(model).resolve(), "data.h5", seed, method, tables))
-        beam.run("assimilate", project, "-o", os.path.join(folder, "results"), accept=(0, 8))
-        return Run([json.loads(line) for line in Path(folder, "results", "steps.jsonl").read_text().splitlines()])
+    write_data(Path(folder, "data.h5"), model_of(model).times[:len(values)], sensors, values)
+    project = Path(folder, "project.toml")
+    project.write_text(project_text(Path(model).resolve(), "data.h5", seed, method, tables))
+    beam.run("assimilate", project, accept=(0, 8))
+    return project
 
 
 class Subject:

@@ -10,7 +10,7 @@ from matplotlib import pyplot
 import beam
 from beam import ESTIMATE_STD, MODES, TRUTH
 from bias import bias_runs
-from experiment import Subject, predicted
+from experiment import Subject, draw, predicted
 from record import COLOURS, LABELS, Figure, extent, log_axis, readable, steps_text, with_uncertainty
 from selection import assimilate_chosen, camera_of, mean_step
 from updating import KEYS, forecast_run
@@ -86,7 +86,7 @@ def decompositions(subject, options):
     outcomes = {name: Outcomes() for name in models}
     for i, truth in enumerate(truths):
         exact = solution(subject, truth)
-        noise = subject.drawn.noise if i == 0 else beam.NOISE * np.random.default_rng(options.seed + i).standard_normal(exact.shape)
+        noise = draw(subject.beam, options.seed + i).noise
         judge = None
         for name, path in models.items():
             run = subject.assimilate(path, exact + noise)

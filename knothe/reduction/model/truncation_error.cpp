@@ -345,7 +345,8 @@ ObservedTruncation observe_truncation(const TruncationError& error, const ModelC
   ObservedTruncation result;
   result.left_out.resize(observed.rows(), std::ssize(places));
   for (Index i = 0; i < std::ssize(places); ++i) {
-    const auto& [left, right, share] = places[i];
+    const Index left = places[i].left, right = places[i].right;
+    const double share = places[i].share;
     const auto between = [&](double before, double after) { return (1 - share) * before + share * after; };
     MatrixXd of_step = MatrixXd::Zero(observed.rows(), q + std::ssize(outputs));
     of_step.leftCols(q) = observed * root_of((1 - share) * moments(left) + share * moments(right));
