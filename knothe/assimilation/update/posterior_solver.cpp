@@ -210,7 +210,12 @@ void PosteriorSolver::draw(sampling::LogDensity& target, Method kind, Posterior&
   options.max_evaluations = std::max<std::int64_t>(options.max_evaluations, 2 * samples_);
   options.seed = seed;
   solve_by_draws(target, to_parameters, options, r);
-  thin_draws(r);
+  // Who asks for draws gets all of them: their moments are the answer's.
+  if (kind_ == Method::sequential_monte_carlo) {
+    sampling::sort_along_curve(r.points, r.weights);
+  } else {
+    thin_draws(r);
+  }
 }
 
 void PosteriorSolver::thin_draws(Posterior& r) const {
