@@ -190,33 +190,4 @@ std::vector<Figure> crack_figures(const reduction::SeparatedModel& model, std::s
   return figures;
 }
 
-std::vector<Figure> crack_mode_figures(const reduction::SeparatedModel& model, std::size_t count) {
-  const auto& crack = model.contents().crack;
-  std::vector<Figure> figures;
-  if (crack.empty()) return figures;
-  const FaceDofs face = face_of(model);
-  const std::size_t n = model.dof_count();
-  for (std::size_t k = 0; k < std::min(count, crack.modes.size() / n); ++k) {
-    const auto mode = std::span<const double>(crack.modes).subspan(k * n, n);
-    figures.push_back(mode_figure(fmt::format("Crack mode {}", k + 1), face, mode));
-  }
-  return figures;
-}
-
-Plot crack_coefficients_plot(const reduction::SeparatedModel& model, std::size_t count, std::size_t first) {
-  const auto& crack = model.contents().crack;
-  Plot plot("Crack modes against the length", {"crack length (mm)"},
-            {"\u03c3 v(l) (m per m of imposed displacement)"});
-  if (crack.empty()) return plot;
-  const std::size_t modes = crack.modes.size() / model.dof_count();
-  std::vector<double> length;
-  for (const double l : crack.length) length.push_back(1e3 * l);
-  for (std::size_t k = first; k < std::min(count, modes); ++k) {
-    std::vector<double> y;
-    for (std::size_t i = 0; i < length.size(); ++i) y.push_back(crack.coefficients[i * modes + k]);
-    plot.line(length, y, Paint::series(static_cast<int>(k)), fmt::format("mode {}", k + 1));
-  }
-  return plot;
-}
-
 }  // namespace knothe::report

@@ -36,14 +36,4 @@ namespace knothe::report {
 [[nodiscard]] std::vector<Figure> crack_figures(const reduction::SeparatedModel& model,
                                                 std::span<const double> lengths);
 
-/// The first `count` modes of the crack solutions (Eq. 32, Fig. 11) on the outer face, x component scaled to
-/// a largest value of 1; empty without crack solutions.
-[[nodiscard]] std::vector<Figure> crack_mode_figures(const reduction::SeparatedModel& model,
-                                                     std::size_t count = 6);
-
-/// Their coefficients σ_k v_k(l) against the crack length (Fig. 12), of the modes numbered `first` to `count`
-/// − 1.
-[[nodiscard]] Plot crack_coefficients_plot(const reduction::SeparatedModel& model, std::size_t count = 6,
-                                           std::size_t first = 0);
-
 }  // namespace knothe::report
