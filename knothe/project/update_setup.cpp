@@ -86,11 +86,12 @@ void refuse_conflicts(const Project& project, const assimilation::Features& feat
                          found.message);
 }
 
-/// The measurements' noise with the model's own error besides.
+/// The measurements' noise with the model's own error besides. `online`: every time of the model is a step.
 assimilation::NoiseModel noise_with_truncation(const Project& project, const reduction::SeparatedModel& model,
-                                               const ObservedData& data) {
+                                               const ObservedData& data, bool online) {
   std::vector<double> times;
   for (const std::size_t index : data.time_indices) times.push_back(data.observed->time[index]);
+  if (online) times = data.observed->time;
   return with_truncation(
       data.measurements.noise,
       reduction::observe_truncation(reduction::read_truncation_error(project.model), model.contents(),
@@ -183,7 +184,10 @@ UpdateSetup set_up(const Project& given, assimilation::Features features, bool l
     measurements.noise = measurements.noise.with_offsets(project.method.offset_std);
   ObservedData data = observe_data(project, whole, priors, std::move(measurements),
                                    pictures ? project.pictures.folder : project.data);
-  if (project.method.truncation_error) data.measurements.noise = noise_with_truncation(project, whole, data);
+  if (project.method.truncation_error) {
+    const bool online = features[static_cast<std::size_t>(assimilation::Feature::service)];
+    data.measurements.noise = noise_with_truncation(project, whole, data, online);
+  }
   refuse_conflicts(project, features | features_of(data.measurements.noise));
   assimilation::Problem problem{
       std::move(data.observed),       data.measurements.noise,        std::move(priors),
