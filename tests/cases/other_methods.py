@@ -52,6 +52,23 @@ class Test(Case):
         self.edit('noise_level = "unknown"\n', "offset_std = 1e-6\n")
         self.assertEqual(len(self.assimilate()), 12)
 
+    def test_the_models_own_error_goes_with_the_other_options(self):
+        """It widens the posterior, whatever else the likelihood consists of."""
+        def std(lines):
+            return [math.sqrt(lines[-1]["covariance"][k][k]) for k in range(2)]
+
+        for options in ("", "offset_std = 1e-6\n", "gate = 6.0\n", 'noise_level = "unknown"\n', 'bias_correction = "on"\n'):
+            with self.subTest(options):
+                self.edit("[method]\n", "[method]\n" + options)
+                try:
+                    without = std(self.assimilate())
+                    self.edit("[method]\n", '[method]\ntruncation_error = "on"\n')
+                    for wide, narrow in zip(std(self.assimilate()), without):
+                        self.assertGreater(wide, 0.99 * narrow)
+                finally:
+                    self.edit('truncation_error = "on"\n', "")
+                    self.edit("[method]\n" + options, "[method]\n")
+
     def test_what_does_not_go_together_is_named(self):
         self.edit('kind = "transport"', 'kind = "ekf"\nlikelihood = "student-t"')
         self.expect(2, "assimilate", self.project_name, stderr="Kalman filters take the data one by one")
