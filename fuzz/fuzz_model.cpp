@@ -11,7 +11,7 @@
 
 #include "fuzz/support.hpp"
 #include "knothe/files/seal.hpp"
-#include "knothe/reduction/model/model_file.hpp"
+#include "knothe/model/reduced/model_file.hpp"
 
 namespace {
 
@@ -137,7 +137,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   H5Fclose(file);
   knothe::files::seal(path);  // otherwise each file is read in a process of its own first
   knothe::fuzz::refuse_or_accept([&] {
-    const auto model = knothe::reduction::read_model(path);
+    const auto model = knothe::model::read_model(path);
     for (const double value : model.space)
       if (!std::isfinite(value)) std::abort();
     if (model.lift.size() != model.time.size() * model.dof_count()) std::abort();

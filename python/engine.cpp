@@ -1,20 +1,20 @@
 /// @file The engine of the program (docs/explanation/architecture.md).
-#include "knothe/engine/engine.hpp"
+#include "knothe/assimilation/engine/engine.hpp"
 
 #include <pybind11/stl.h>
 
 #include <nlohmann/json.hpp>
 
-#include "knothe/assimilation/update/marginal_density.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/library/engine_of_values.hpp"
 #include "knothe/library/plain.hpp"
+#include "knothe/model/reduced/parameter_order.hpp"
 #include "knothe/numerics/statistics/distinct_draws.hpp"
+#include "knothe/posterior/quadrature/marginal_density.hpp"
 #include "knothe/project/project_engine.hpp"
 #include "knothe/project/refinement.hpp"
-#include "knothe/reduction/model/parameter_order.hpp"
-#include "knothe/report/results/posterior_file.hpp"
-#include "knothe/report/results/step_record.hpp"
+#include "knothe/record/posterior_file.hpp"
+#include "knothe/record/step_record.hpp"
 #include "python/arrays.hpp"
 #include "python/bindings.hpp"
 #include "python/interruption.hpp"
@@ -23,31 +23,31 @@
 namespace knothe::python {
 namespace {
 
-using assimilation::DatumKey;
 using library::plain;
+using likelihood::DatumKey;
 using py::arg;
 
 /// Of weighted values of a parameter that lies between these bounds, ±∞ where there is none.
 py::tuple marginal_density(const Doubles& values, const Doubles& weights, double lower, double upper) {
   const bool below = std::isfinite(lower), above = std::isfinite(upper);
-  const auto prior = below && above ? assimilation::Prior::uniform(lower, upper)
-                     : below        ? assimilation::Prior::lognormal(0, 1)
-                                    : assimilation::Prior::normal(0, 1);
+  const auto prior = below && above ? posterior::Prior::uniform(lower, upper)
+                     : below        ? posterior::Prior::lognormal(0, 1)
+                                    : posterior::Prior::normal(0, 1);
   const Eigen::VectorXd x = library::vector_of(span_of(values)), w = library::vector_of(span_of(weights));
-  const auto density = long_call([&] { return assimilation::marginal_density(x, w, prior); });
+  const auto density = long_call([&] { return posterior::marginal_density(x, w, prior); });
   return py::make_tuple(array_of(density.points), array_of(density.density));
 }
 
 /// What the engine says of a step, with the priors against which its densities are drawn.
 struct Result {
-  engine::StepResult step;
-  std::shared_ptr<const std::vector<assimilation::Prior>> priors;
-  std::shared_ptr<const std::vector<reduction::Axis>> axes;
+  assimilation::StepResult step;
+  std::shared_ptr<const std::vector<posterior::Prior>> priors;
+  std::shared_ptr<const std::vector<model::Axis>> axes;
 };
 using SharedResult = std::shared_ptr<Result>;
 
-assimilation::Method method_of(const std::string& kind) {
-  if (const auto method = from_text<assimilation::Method>(kind)) return *method;
+posterior::Method method_of(const std::string& kind) {
+  if (const auto method = from_text<posterior::Method>(kind)) return *method;
   throw UsageError("method \"" + kind + "\": give transport, grid, mcmc, smc, ekf, ukf or enkf");
 }
 
@@ -65,16 +65,16 @@ class Twin {
     twin->data_.emplace(std::move(setup));
     return twin;
   }
-  Twin(engine::EngineSetup setup, std::vector<reduction::Axis> axes)
+  Twin(assimilation::EngineSetup setup, std::vector<model::Axis> axes)
       : sensors_(setup.sensors),
-        engine_(std::make_unique<engine::Engine>(std::move(setup))),
-        axes_(std::make_shared<const std::vector<reduction::Axis>>(std::move(axes))) {
-    priors_ = std::make_shared<const std::vector<assimilation::Prior>>(engine_->priors());
+        engine_(std::make_unique<assimilation::Engine>(std::move(setup))),
+        axes_(std::make_shared<const std::vector<model::Axis>>(std::move(axes))) {
+    priors_ = std::make_shared<const std::vector<posterior::Prior>>(engine_->priors());
     for (std::size_t i = 0; i < engine_->model().time.size(); ++i) time_indices_.push_back(i);
   }
 
   /// The posterior of all data up to the datum's step.
-  SharedResult assimilate(assimilation::Datum datum) {
+  SharedResult assimilate(likelihood::Datum datum) {
     datum.time_index = time_index(datum.step);
     const std::pair place(datum.step, datum.key);
     if (keys_.contains(place))
@@ -84,7 +84,7 @@ class Twin {
     engine_->add(datum);
     keys_.insert(place);
     forget_stale();
-    std::optional<engine::StepResult> concluded;
+    std::optional<assimilation::StepResult> concluded;
     try {
       concluded = engine_->conclude(datum.step);
     } catch (...) {  // interrupted, or an error: as if the datum had not come
@@ -110,18 +110,18 @@ class Twin {
     return kept;
   }
   /// As `posterior.nc` has them: parameters, log-likelihood of the step's datum, predicted data with noise.
-  [[nodiscard]] report::StepDraws draws(std::size_t step, Eigen::Index count, Eigen::Index stride) {
-    const reduction::ObservedModel& model = engine_->model();
-    const report::KeptStep kept = report::retain_step(result(step)->step, engine_->last_datum(step), &model);
-    return report::draw_step(kept, model, *priors_, model.observations(), count, stride);
+  [[nodiscard]] record::StepDraws draws(std::size_t step, Eigen::Index count, Eigen::Index stride) {
+    const model::ObservedModel& model = engine_->model();
+    const record::KeptStep kept = record::retain_step(result(step)->step, engine_->last_datum(step), &model);
+    return record::draw_step(kept, model, *priors_, model.observations(), count, stride);
   }
   /// Of all steps: what the last line of `knothe assimilate` says.
   [[nodiscard]] std::string run_verdict() {
     assimilation::RunVerdict run;
     for (const auto& [step, data] : engine_->data().steps()) run.add(result(step)->step.update.verdict);
-    return files::json_line(report::verdict_record(run.verdict()));
+    return files::json_line(record::verdict_record(run.verdict()));
   }
-  [[nodiscard]] std::optional<assimilation::Datum> next() {
+  [[nodiscard]] std::optional<likelihood::Datum> next() {
     if (!data_) throw UsageError("this twin was made from values: it has no recorded data");
     const auto last = results_.empty() ? nullptr : results_.rbegin()->second;
     auto item = data_->next(last ? last->step.update.mean : Eigen::VectorXd());
@@ -139,8 +139,8 @@ class Twin {
     for (const std::size_t i : time_indices_) times.push_back(engine_->model().time[i]);
     return times;
   }
-  [[nodiscard]] const engine::Engine& engine() const { return *engine_; }
-  [[nodiscard]] const reduction::Sensors& sensors() const { return sensors_; }
+  [[nodiscard]] const assimilation::Engine& engine() const { return *engine_; }
+  [[nodiscard]] const model::Sensors& sensors() const { return sensors_; }
   [[nodiscard]] SharedResult results_of_last() {
     const auto last = engine_->last_step();
     return last ? result(*last) : nullptr;
@@ -153,10 +153,10 @@ class Twin {
     for (const std::size_t step : engine_->stale()) results_.erase(step);
   }
 
-  reduction::Sensors sensors_;
-  std::unique_ptr<engine::Engine> engine_;
-  std::shared_ptr<const std::vector<reduction::Axis>> axes_;
-  std::shared_ptr<const std::vector<assimilation::Prior>> priors_;
+  model::Sensors sensors_;
+  std::unique_ptr<assimilation::Engine> engine_;
+  std::shared_ptr<const std::vector<model::Axis>> axes_;
+  std::shared_ptr<const std::vector<posterior::Prior>> priors_;
   std::optional<project::RecordedData> data_;
   std::unique_ptr<project::Refinement> refinement_;
   std::vector<std::size_t> time_indices_;
@@ -164,17 +164,17 @@ class Twin {
   std::map<std::size_t, SharedResult> results_;
 };
 
-assimilation::Datum datum_of(std::size_t step, const Doubles& values, const Doubles& std,
-                             const std::optional<SparseRows>& precision, const std::string& source,
-                             const std::string& session, std::int64_t seq) {
-  assimilation::Datum datum{{source, session, seq}, step, step, library::vector_of(span_of(values)), {}};
+likelihood::Datum datum_of(std::size_t step, const Doubles& values, const Doubles& std,
+                           const std::optional<SparseRows>& precision, const std::string& source,
+                           const std::string& session, std::int64_t seq) {
+  likelihood::Datum datum{{source, session, seq}, step, step, library::vector_of(span_of(values)), {}};
   const Noise noise = noise_of(std, precision);
   if (!noise.empty()) datum.noise = library::noise_of(noise, static_cast<std::size_t>(values.size()));
   return datum;
 }
 
 void bind_data(py::module_& module) {
-  using assimilation::Datum;
+  using likelihood::Datum;
   py::class_<Datum>(module, "Datum")
       .def(py::init(&datum_of), arg("step"), arg("values"), arg("std"), arg("precision"), arg("source"),
            arg("session"), arg("seq"))
@@ -190,20 +190,20 @@ void bind_data(py::module_& module) {
 }
 
 void bind_results(py::module_& module) {
-  const auto points = [](const Result& result) {
-    const assimilation::Posterior& p = result.step.update;
+  const auto points_of_result = [](const Result& result) {
+    const posterior::Posterior& p = result.step.update;
     return rows_of(plain(p.points), static_cast<std::size_t>(p.points.cols()));
   };
   py::class_<Result, std::shared_ptr<Result>>(module, "Result")
       .def("json",
            [](const Result& result) {
-             return files::json_line(report::step_record(result.step, *result.axes));
+             return files::json_line(record::step_record(result.step, *result.axes));
            })
       .def("forecasts_json",
            [](const Result& result) {
-             return files::json_line(report::forecast_record(result.step.forecasts, true));
+             return files::json_line(record::forecast_record(result.step.forecasts, true));
            })
-      .def("points", points)
+      .def("points", points_of_result)
       .def("weights", [](const Result& result) { return array_of(plain(result.step.update.weights)); })
       .def("labels", [](const Result& result) { return labels_of(*result.axes); })
       .def("densities", [](const Result& result) { return densities_of(*result.priors); });
@@ -212,7 +212,7 @@ void bind_results(py::module_& module) {
       [](const Doubles& points, const Doubles& weights, Eigen::Index count, const Doubles& lower,
          const Doubles& upper) {
         const auto n = static_cast<Eigen::Index>(weights.size());
-        const Eigen::Map<const reduction::RowMatrix> rows(points.data(), n, points.size() / n);
+        const Eigen::Map<const model::RowMatrix> rows(points.data(), n, points.size() / n);
         const Eigen::VectorXd w = library::vector_of(span_of(weights)),
                               low = library::vector_of(span_of(lower)),
                               high = library::vector_of(span_of(upper));
@@ -226,12 +226,12 @@ void bind_results(py::module_& module) {
 }
 
 /// The tables [forecast.NAME] of `text`, a project file's, for the engine.
-void add_forecasts(const std::string& text, const reduction::SeparatedModel& model, const Sensors& sensors,
-                   engine::EngineSetup& setup) {
+void add_forecasts(const std::string& text, const model::SeparatedModel& model, const Sensors& sensors,
+                   assimilation::EngineSetup& setup) {
   const project::Project project = project::parse_project(text, "forecasts");
   if (project.forecasts.empty()) return;
   setup.forecaster.emplace(
-      model, reduction::Dofs{sensors.points, {sensors.components.begin(), sensors.components.end()}},
+      model, model::Dofs{sensors.points, {sensors.components.begin(), sensors.components.end()}},
       project.forecasts);
 }
 
@@ -245,12 +245,11 @@ std::unique_ptr<Twin> twin_of_values(const std::string& model, const Doubles& po
   const Noise noise = noise_of(std, precision);
   const std::vector<Prior> named = priors_of(priors);
   return long_call([&] {
-    engine::EngineSetup setup =
+    assimilation::EngineSetup setup =
         library::engine_setup(model, sensors, noise, named, {tolerance, max_order, seed});
     std::vector<std::string> names;
     for (const Prior& prior : named) names.push_back(prior.parameter);
-    const reduction::SeparatedModel ordered(
-        reduction::with_parameter_order(reduction::read_model(model), names), model);
+    const model::SeparatedModel ordered(model::with_parameter_order(model::read_model(model), names), model);
     add_forecasts(forecasts, ordered, sensors, setup);
     return std::make_unique<Twin>(std::move(setup), ordered.contents().axes);
   });
@@ -269,7 +268,7 @@ void bind_twin(py::module_& module) {
                   arg("seed"), arg("forecasts"))
       .def(
           "assimilate",
-          [](Twin& twin, const assimilation::Datum& datum) {
+          [](Twin& twin, const likelihood::Datum& datum) {
             return long_call(twin.mutex, [&] { return twin.assimilate(datum); });
           },
           arg("datum"))
@@ -307,7 +306,7 @@ void bind_twin(py::module_& module) {
           arg("step"))
       .def("sensors",
            [](const Twin& twin) {
-             const reduction::Sensors& s = twin.sensors();
+             const model::Sensors& s = twin.sensors();
              std::vector<std::string> names;
              for (std::size_t i = 0; i < s.displacement_count(); ++i) names.push_back(s.label(i));
              return py::make_tuple(rows_of(s.points, 3), array_of(s.components), s.scalars, names);
@@ -315,7 +314,7 @@ void bind_twin(py::module_& module) {
       .def(
           "draws",
           [](Twin& twin, std::size_t step, Eigen::Index count, Eigen::Index stride) {
-            const report::StepDraws drawn =
+            const record::StepDraws drawn =
                 long_call(twin.mutex, [&] { return twin.draws(step, count, stride); });
             const Eigen::MatrixXd predicted = drawn.predicted.transpose();
             return py::make_tuple(

@@ -4,20 +4,20 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "knothe/assimilation/update/marginal_density.hpp"
+#include "knothe/assimilation/inference/model_evaluator.hpp"
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/files/json_line.hpp"
-#include "knothe/inference/model_evaluator.hpp"
 #include "knothe/library/engine_of_values.hpp"
 #include "knothe/library/plain.hpp"
-#include "knothe/reduction/model/form_names.hpp"
-#include "knothe/reduction/model/truncation_error.hpp"
-#include "knothe/report/results/inference_results.hpp"
-#include "knothe/report/results/inference_run.hpp"
-#include "knothe/report/results/model_record.hpp"
-#include "knothe/report/results/physical_parameters.hpp"
-#include "knothe/simulator/result_file.hpp"
+#include "knothe/model/reduced/form_names.hpp"
+#include "knothe/model/reduced/truncation_error.hpp"
+#include "knothe/model/simulator/result_file.hpp"
+#include "knothe/posterior/quadrature/marginal_density.hpp"
+#include "knothe/record/inference_results.hpp"
+#include "knothe/record/inference_run.hpp"
+#include "knothe/record/model_record.hpp"
+#include "knothe/record/physical_parameters.hpp"
 #include "python/bindings.hpp"
 #include "python/interruption.hpp"
 #include "python/values.hpp"
@@ -51,23 +51,23 @@ std::vector<Prior> priors_of(const std::vector<PriorValues>& priors) {
   return result;
 }
 
-py::dict labels_of(std::span<const reduction::Axis> axes) {
+py::dict labels_of(std::span<const model::Axis> axes) {
   using namespace py::literals;
   py::dict labels;
-  for (const reduction::Axis& axis : axes) {
-    const files::Labels file = report::labels_of(axis);
+  for (const model::Axis& axis : axes) {
+    const files::Labels file = record::labels_of(axis);
     py::dict of_axis("units"_a = file.units, "long_name"_a = file.long_name, "reference"_a = axis.reference);
-    if (const std::string units = report::reference_units(axis); !units.empty())
+    if (const std::string units = record::reference_units(axis); !units.empty())
       of_axis["reference_units"] = units;
     labels[axis.name.c_str()] = of_axis;
   }
   return labels;
 }
 
-py::list densities_of(const std::vector<assimilation::Prior>& priors) {
+py::list densities_of(const std::vector<posterior::Prior>& priors) {
   py::list densities;
-  for (const assimilation::Prior& prior : priors) {
-    auto density = assimilation::marginal_density(prior);
+  for (const posterior::Prior& prior : priors) {
+    auto density = posterior::marginal_density(prior);
     densities.append(py::make_tuple(prior.lower(), prior.upper(), array_of(std::move(density.points)),
                                     array_of(std::move(density.density))));
   }
@@ -98,7 +98,7 @@ void require_step(std::size_t step, std::size_t count) {
                      ", counted from 0");
 }
 
-void require_inside(const reduction::ObservedModel& model, const Eigen::MatrixXd& points) {
+void require_inside(const model::ObservedModel& model, const Eigen::MatrixXd& points) {
   const Eigen::VectorXd lower = model.functions->lower(), upper = model.functions->upper();
   for (Eigen::Index i = 0; i < points.rows(); ++i)
     for (Eigen::Index k = 0; k < points.cols(); ++k)
@@ -110,7 +110,7 @@ void require_inside(const reduction::ObservedModel& model, const Eigen::MatrixXd
 
 }  // namespace
 
-Prediction predict(const reduction::ObservedModel& model, std::span<const double> points, std::size_t step,
+Prediction predict(const model::ObservedModel& model, std::span<const double> points, std::size_t step,
                    bool jacobian) {
   const std::size_t d = model.parameters.size(), n = count_points(points, d);
   require_step(step, model.time.size());
@@ -124,7 +124,7 @@ Prediction predict(const reduction::ObservedModel& model, std::span<const double
     out.values.insert(out.values.end(), y.begin(), y.end());
   }
   if (!jacobian) return out;
-  reduction::FunctionBatch w;
+  model::FunctionBatch w;
   w.resize(p.rows(), p.cols(), model.functions->count(), 1);
   model.functions->evaluate(p, 1, w);
   out.jacobian.resize(n * out.count * d);
@@ -140,7 +140,7 @@ Prediction predict(const reduction::ObservedModel& model, std::span<const double
 
 namespace {
 
-using Model = reduction::SeparatedModel;
+using Model = model::SeparatedModel;
 
 Prediction evaluate(const Model& model, std::span<const double> points, std::size_t step,
                     const std::vector<std::size_t>& dofs, bool jacobian) {
@@ -174,7 +174,7 @@ Prediction evaluate_output(const Model& model, const std::string& name, std::spa
 }
 
 void bind_reduced_models(py::module_& module) {
-  using reduction::ObservedModel;
+  using model::ObservedModel;
   py::class_<ObservedModel>(module, "ObservedModel")
       .def(
           "predict",
@@ -215,14 +215,14 @@ void bind_reduced_models(py::module_& module) {
       .def("times", [](const Model& model) { return array_of(model.contents().time); })
       .def("dofs",
            [](const Model& model) {
-             const reduction::Dofs& dofs = model.contents().dofs;
+             const model::Dofs& dofs = model.contents().dofs;
              return py::make_tuple(rows_of(dofs.points, 3), array_of(dofs.components));
            })
-      .def("info_json", [](const Model& model) { return files::json_line(report::model_record(model)); });
+      .def("info_json", [](const Model& model) { return files::json_line(record::model_record(model)); });
 }
 
-reduction::Snapshots snapshots_of(const py::dict& parts) {
-  reduction::Snapshots s;
+model::Snapshots snapshots_of(const py::dict& parts) {
+  model::Snapshots s;
   using Axis = std::tuple<std::string, std::vector<double>, std::string, std::string, double>;
   for (const auto& [name, nodes, units, long_name, reference] : parts["axes"].cast<std::vector<Axis>>())
     s.axes.push_back({name, nodes, units, long_name, reference});
@@ -237,31 +237,31 @@ reduction::Snapshots snapshots_of(const py::dict& parts) {
   for (const auto& [name, units, values] :
        parts["outputs"].cast<std::vector<std::tuple<std::string, std::string, Doubles>>>())
     s.outputs.push_back({name, {units, name}, vector_of(values)});
-  simulator::settle_units(s, "offline");
+  model::settle_units(s, "offline");
   return s;
 }
 
 std::string import_model(const std::string& snapshots, const std::string& output, const std::string& form,
                          std::size_t modes, double tolerance) {
-  reduction::CompressionOptions options;
-  const auto known = from_text<reduction::Form>(form);
+  model::CompressionOptions options;
+  const auto known = from_text<model::Form>(form);
   if (!known) throw UsageError("form \"" + form + "\": give \"tree\" or \"canonical\"");
   options.form = *known;
   options.modes = modes;
   if (tolerance > 0) options.tolerance = tolerance;
-  const auto [model, truncation] = reduction::import_model_and_error(snapshots, options);
-  reduction::write_model(model, truncation, output);
-  return files::json_line(report::import_record(output, model));
+  const auto [model, truncation] = model::import_model_and_error(snapshots, options);
+  model::write_model(model, truncation, output);
+  return files::json_line(record::import_record(output, model));
 }
 
 void bind_import(py::module_& module) {
   module.def(
       "write_snapshots",
       [](const py::dict& parts, const std::string& path) {
-        const reduction::Snapshots snapshots = snapshots_of(parts);
+        const model::Snapshots snapshots = snapshots_of(parts);
         long_call([&] {
-          reduction::validate(snapshots, "snapshots");
-          reduction::write_snapshots(snapshots, path);
+          model::validate(snapshots, "snapshots");
+          model::write_snapshots(snapshots, path);
         });
       },
       arg("parts"), arg("path"));
@@ -276,7 +276,7 @@ void bind_import(py::module_& module) {
 
 /// A function of Python as a forward model: points n × d in, values n × m out, and perhaps Jacobians
 /// n × m × d.
-class CallableModel final : public inference::ForwardModel {
+class CallableModel final : public model::ForwardModel {
  public:
   CallableModel(py::function function, std::optional<py::function> jacobian, Eigen::Index dimension,
                 Eigen::Index outputs)
@@ -333,20 +333,20 @@ class CallableModel final : public inference::ForwardModel {
   Eigen::Index dimension_, outputs_;
 };
 
-py::dict dictionary_of(const inference::InferenceResult& r, std::span<const reduction::Axis> axes,
-                       const std::vector<assimilation::Prior>& priors, const std::string& samples_file) {
+py::dict dictionary_of(const assimilation::InferenceResult& r, std::span<const model::Axis> axes,
+                       const std::vector<posterior::Prior>& priors, const std::string& samples_file) {
   using namespace py::literals;
   const auto d = static_cast<std::size_t>(r.draws.cols());
-  return py::dict("json"_a = files::json_line(report::inference_record(r, axes, samples_file)),
+  return py::dict("json"_a = files::json_line(record::inference_record(r, axes, samples_file)),
                   "draws"_a = rows_of(plain(r.draws), d), "chains"_a = r.chains,
                   "points"_a = rows_of(plain(r.points), d), "weights"_a = array_of(plain(r.weights)),
                   "densities"_a = densities_of(priors), "labels"_a = labels_of(axes));
 }
 
 struct InferenceValues {
-  std::vector<assimilation::Prior> densities;  ///< the priors
+  std::vector<posterior::Prior> densities;  ///< the priors
   std::vector<double> observed, std, covariance;
-  inference::InferenceOptions options;
+  assimilation::InferenceOptions options;
 };
 using ProgressFunction = std::optional<py::function>;
 
@@ -360,32 +360,33 @@ void call_progress(const ProgressFunction& progress, Eigen::Index done, std::opt
     (*progress)(done, py::none());
 }
 
-std::optional<inference::Observations> observations_of(const InferenceValues& values) {
+std::optional<assimilation::Observations> observations_of(const InferenceValues& values) {
   const auto n = static_cast<Eigen::Index>(values.observed.size());
   if (n == 0) return std::nullopt;
   const Eigen::VectorXd y = library::vector_of(values.observed);
   if (!values.covariance.empty())
-    return inference::Observations{y, assimilation::GaussianNoise::of_covariance(library::rows_of(
-                                          values.covariance, values.observed.size(), "covariance"))};
-  return inference::Observations{y, assimilation::GaussianNoise::independent(library::vector_of(values.std))};
+    return assimilation::Observations{y, likelihood::GaussianNoise::of_covariance(library::rows_of(
+                                             values.covariance, values.observed.size(), "covariance"))};
+  return assimilation::Observations{y,
+                                    likelihood::GaussianNoise::independent(library::vector_of(values.std))};
 }
 
-inference::InferenceResult infer(CallableModel& model, InferenceValues& values,
-                                 const ProgressFunction& progress) {
+assimilation::InferenceResult infer(CallableModel& model, InferenceValues& values,
+                                    const ProgressFunction& progress) {
   constexpr double k_step = 1e-4;  // of differences, as a project's default
-  inference::ModelEvaluator evaluator(model, values.densities, k_step);
-  inference::PosteriorDensity posterior(
+  assimilation::ModelEvaluator evaluator(model, values.densities, k_step);
+  assimilation::PosteriorDensity posterior(
       evaluator, values.densities, observations_of(values),
-      inference::useful_derivatives(values.options.method, model.has_jacobian()));
+      assimilation::useful_derivatives(values.options.method, model.has_jacobian()));
   std::optional<Eigen::Index> total;
   values.options.progress = [&](double share) {
     if (share > 0) total = std::llround(static_cast<double>(model.calls().evaluations) / share);
     return !cancellation_requested();
   };
-  evaluator.progress = [&](const inference::ModelCalls& calls) {
+  evaluator.progress = [&](const model::ModelCalls& calls) {
     call_progress(progress, calls.evaluations, total);
   };
-  inference::InferenceResult result = inference::infer(posterior, evaluator, values.options);
+  assimilation::InferenceResult result = assimilation::infer(posterior, evaluator, values.options);
   call_progress(progress, model.calls().evaluations, model.calls().evaluations);
   return result;
 }
@@ -400,7 +401,7 @@ py::dict infer_callable(py::function function, std::optional<py::function> jacob
     names.push_back(prior.parameter);
     values.densities.push_back(library::prior_of(prior));
   }
-  values.options.method = inference::method_from(method);
+  values.options.method = assimilation::method_from(method);
   values.options.map.tolerance = tolerance;
   values.options.map.max_order = max_order;
   values.options.map.seed = values.options.seed = seed;
@@ -409,20 +410,20 @@ py::dict infer_callable(py::function function, std::optional<py::function> jacob
   const auto outputs = static_cast<Eigen::Index>(std::max<std::size_t>(1, values.observed.size()));
   CallableModel model(std::move(function), std::move(jacobian), static_cast<Eigen::Index>(names.size()),
                       outputs);
-  const inference::InferenceResult result = long_call([&] { return infer(model, values, progress); });
-  std::vector<reduction::Axis> axes;
+  const assimilation::InferenceResult result = long_call([&] { return infer(model, values, progress); });
+  std::vector<model::Axis> axes;
   for (const std::string& name : names) axes.push_back({name, {}, "", "", 1});
   return dictionary_of(result, axes, values.densities, "");
 }
 
 py::dict infer_project(const std::string& path, const std::string& method, const std::string& results) {
-  const report::InferenceRun run = long_call([&] {
+  const record::InferenceRun run = long_call([&] {
     project::Project project = project::read_project(path);
     const std::string folder = results.empty() ? project.results : results;
-    return report::run_inference(
-        project, method.empty() ? project.method.kind : inference::method_from(method), folder);
+    return record::run_inference(
+        project, method.empty() ? project.method.kind : assimilation::method_from(method), folder);
   });
-  return dictionary_of(run.result, run.setup.axes, run.setup.priors, report::samples_path(run.folder));
+  return dictionary_of(run.result, run.setup.axes, run.setup.priors, record::samples_path(run.folder));
 }
 
 void bind_inference(py::module_& module) {

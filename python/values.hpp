@@ -7,9 +7,9 @@
 #include <tuple>
 #include <vector>
 
-#include "knothe/assimilation/update/prior.hpp"
 #include "knothe/library/assimilation.hpp"
-#include "knothe/reduction/observe/observed_model.hpp"
+#include "knothe/model/observe/observed_model.hpp"
+#include "knothe/posterior/prior/prior.hpp"
 #include "python/arrays.hpp"
 
 namespace knothe::python {
@@ -26,11 +26,11 @@ using PriorValues = std::tuple<std::string, std::string, double, double>;
 [[nodiscard]] std::vector<Prior> priors_of(const std::vector<PriorValues>& priors);
 
 /// Of each prior its support (lower, upper), and its density at points: what figures want.
-[[nodiscard]] py::list densities_of(const std::vector<assimilation::Prior>& priors);
+[[nodiscard]] py::list densities_of(const std::vector<posterior::Prior>& priors);
 
 /// Attributes of a parameter's variable as results files have them, by name: units, long_name, reference and
 /// reference_units.
-[[nodiscard]] py::dict labels_of(std::span<const reduction::Axis> axes);
+[[nodiscard]] py::dict labels_of(std::span<const model::Axis> axes);
 
 /// Numbers at n parameter points: m each, and their derivatives by d parameters.
 struct Prediction {
@@ -42,7 +42,7 @@ struct Prediction {
 [[nodiscard]] py::tuple arrays_of(Prediction prediction);
 
 /// What sensors say at `points` (n × d, inside the box: else UsageError) and a step.
-[[nodiscard]] Prediction predict(const reduction::ObservedModel& model, std::span<const double> points,
+[[nodiscard]] Prediction predict(const model::ObservedModel& model, std::span<const double> points,
                                  std::size_t step, bool jacobian);
 
 /// Points of d coordinates each, checked: their number. UsageError.

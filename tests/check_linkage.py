@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """The online program links neither the finite-element library nor MPI, not even through another library; knothe-offline, which opens
-that library when it needs it, does not either (knothe/mechanics/full_order/finite_element_library.hpp).
+that library when it needs it, does not either (knothe/offline/full_order/finite_element_library.hpp).
 
 usage: check_linkage.py KNOTHE [KNOTHE_OFFLINE]
 """

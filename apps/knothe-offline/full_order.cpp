@@ -5,15 +5,15 @@
 #include "apps/knothe-offline/commands.hpp"
 #include "knothe/files/command_output.hpp"
 #include "knothe/files/vtu.hpp"
-#include "knothe/mechanics/distributed/distributed_model.hpp"
-#include "knothe/mechanics/distributed/ranks.hpp"
+#include "knothe/offline/distributed/distributed_model.hpp"
+#include "knothe/offline/distributed/ranks.hpp"
 #include "knothe/offline/problem.hpp"
 
 namespace knothe::offline_commands {
 namespace {
 
-using mechanics::DistributedElastic;
-using mechanics::StepRecord;
+using offline::DistributedElastic;
+using offline::StepRecord;
 
 void report(const DistributedElastic& elastic, const files::CommandOutput& output) {
   output.line(
@@ -52,7 +52,7 @@ void report(int number, const StepRecord& step, const files::CommandOutput& outp
 }
 
 /// Displacement, and damage if there is any, for ParaView.
-void write_field(const mechanics::HexahedronMesh& mesh, std::span<const double> displacement,
+void write_field(const offline::HexahedronMesh& mesh, std::span<const double> displacement,
                  const std::vector<double>& damage, const std::string& path) {
   files::VtuGrid grid;
   grid.points = mesh.points;
@@ -64,12 +64,12 @@ void write_field(const mechanics::HexahedronMesh& mesh, std::span<const double> 
 }
 
 void run(const FullOrderArguments& arguments) {
-  const bool first = mechanics::Ranks::start().rank == 0;
+  const bool first = offline::Ranks::start().rank == 0;
   const files::CommandOutput output(arguments.json);
-  mechanics::BeamProblem problem = offline::beam_problem(project::read_project(arguments.project));
+  offline::BeamProblem problem = offline::beam_problem(project::read_project(arguments.project));
   if (arguments.steps > 0) problem.solver.steps = arguments.steps;
-  const mechanics::HexahedronMesh mesh = mechanics::make_mesh(problem);
-  mechanics::DistributedModel model(
+  const offline::HexahedronMesh mesh = offline::make_mesh(problem);
+  offline::DistributedModel model(
       mesh, problem.elastic, problem.solver, arguments.refinements,
       {.tolerance = arguments.tolerance, .max_iterations = arguments.max_iterations});
   if (first) report(model.elastic(), output);
@@ -77,7 +77,7 @@ void run(const FullOrderArguments& arguments) {
   if (arguments.elastic) {
     for (double& u : field) u *= problem.solver.displacement;
   } else {
-    mechanics::FullOrderResult result = model.run(problem.reference, [&](int step, const StepRecord& record) {
+    offline::FullOrderResult result = model.run(problem.reference, [&](int step, const StepRecord& record) {
       if (first) report(step, record, output);
     });
     if (first)
@@ -97,7 +97,7 @@ void run(const FullOrderArguments& arguments) {
 
 int full_order(const FullOrderArguments& arguments) {
   run(arguments);
-  mechanics::Ranks::finish();  // nothing that lives on the ranks is left
+  offline::Ranks::finish();  // nothing that lives on the ranks is left
   return 0;
 }
 

@@ -2,12 +2,12 @@
 #include "apps/guarded_main.hpp"
 #include "apps/knothe-offline/commands.hpp"
 #include "knothe/base/version.hpp"
+#include "knothe/model/reduced/parameter_order.hpp"
 #include "knothe/offline/mesh_study.hpp"
 #include "knothe/offline/model_building.hpp"
 #include "knothe/offline/problem.hpp"
 #include "knothe/offline/results_refinement.hpp"
 #include "knothe/offline/verification.hpp"
-#include "knothe/reduction/model/parameter_order.hpp"
 
 namespace {
 
@@ -37,9 +37,9 @@ int mesh_study(const MeshStudyArguments& a) {
 
 int solve(const SolveArguments& a) {
   const project::Project project = project::read_project(a.project);
-  const std::vector<double> point = reduction::point_at(a.at, offline::parameter_names(project));
+  const std::vector<double> point = model::point_at(a.at, offline::parameter_names(project));
   const auto simulator = offline::project_simulator(project, offline::parameter_axes(project));
-  reduction::write_snapshots(simulator->solve(point), a.output);
+  model::write_snapshots(simulator->solve(point), a.output);
   return 0;
 }
 

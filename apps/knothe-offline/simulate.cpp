@@ -13,7 +13,7 @@ namespace knothe::offline_commands {
 
 int simulate(const FullOrderDataArguments& arguments) {
   const project::Project project = project::read_project(arguments.project);
-  const reduction::Snapshots solution =
+  const model::Snapshots solution =
       offline::project_simulator(project, offline::parameter_axes(project))
           ->solve(project::simulated_truth(project, offline::parameter_names(project)));
   for (const std::string& warning : project::truth_outside_box(project))

@@ -12,8 +12,8 @@
 #include "knothe/imaging/series/displacement_files.hpp"
 #include "knothe/project/picture_registration.hpp"
 #include "knothe/project/project_engine.hpp"
-#include "knothe/report/results/assimilation_output.hpp"
-#include "knothe/report/results/results_writer.hpp"
+#include "knothe/record/assimilation_output.hpp"
+#include "knothe/record/results_writer.hpp"
 
 namespace knothe::commands {
 namespace {
@@ -34,10 +34,10 @@ std::array<std::size_t, 2> redo_range(const std::string& text, std::size_t steps
   return range;
 }
 
-engine::EngineSetup engine_setup(const project::Project& project, project::UpdateSetup& setup,
-                                 const std::string& redo) {
+assimilation::EngineSetup engine_setup(const project::Project& project, project::UpdateSetup& setup,
+                                       const std::string& redo) {
   setup.problem.update.learn_bias = !redo.empty();
-  engine::EngineSetup engine = project::engine_setup(project, setup);
+  assimilation::EngineSetup engine = project::engine_setup(project, setup);
   if (!redo.empty()) engine.corrected_steps = redo_range(redo, setup.time_indices.size());
   return engine;
 }
@@ -53,24 +53,24 @@ void tell_what_was_found(const project::Project& project, const project::UpdateS
 
 int assimilate(const AssimilateArguments& arguments) {
   project::Project project = project::read_project(arguments.project);
-  if (const auto kind = from_text<assimilation::Method>(arguments.method)) project.method.kind = *kind;
+  if (const auto kind = from_text<posterior::Method>(arguments.method)) project.method.kind = *kind;
   if (!arguments.results.empty()) project.results = arguments.results;
   project::UpdateSetup setup = project::set_up(project);
-  auto engine = std::make_unique<engine::Engine>(engine_setup(project, setup, arguments.redo));
+  auto engine = std::make_unique<assimilation::Engine>(engine_setup(project, setup, arguments.redo));
   files::require_writable_folder(project.results);
-  report::ResultsWriter results(project, setup.model, setup.measurements, engine->priors(),
+  record::ResultsWriter results(project, setup.model, setup.measurements, engine->priors(),
                                 setup.problem.model);
   tell_what_was_found(project, setup);
   project::RecordedData data(std::move(setup));
   project::PictureMeasurements* const pictures = data.setup().pictures.get();
   const auto refinement = project::make_refinement(project, data.setup().pictures);
-  report::AssimilationOutput output(arguments.json, data.setup().model.contents().axes, data.size());
+  record::AssimilationOutput output(arguments.json, data.setup().model.contents().axes, data.size());
   const auto start = monotonic_now();
   Eigen::VectorXd mean;
   try {
     while (const auto item = cancellation_requested() ? std::nullopt : data.next(mean)) {
-      const assimilation::Datum& datum = item->datum;
-      engine::StepResult result = engine->assimilate(datum);
+      const likelihood::Datum& datum = item->datum;
+      assimilation::StepResult result = engine->assimilate(datum);
       const bool is_last = datum.step + 1 == data.size();
       if (refinement && refinement->refine_if_needed(engine, result, is_last)) {
         output.tell(*refinement);

@@ -7,7 +7,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/imaging/mesh/mesh_file.hpp"
 #include "knothe/imaging/series/pattern_report.hpp"
-#include "knothe/report/results/picture_output.hpp"
+#include "knothe/report/pages/picture_output.hpp"
 
 namespace knothe::commands {
 namespace {

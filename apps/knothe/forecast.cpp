@@ -4,14 +4,14 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/knothe/commands.hpp"
+#include "knothe/assimilation/forecast/forecaster.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/files/json_line.hpp"
-#include "knothe/forecast/forecaster.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/update_setup.hpp"
-#include "knothe/report/results/forecast_text.hpp"
-#include "knothe/report/results/posterior_file.hpp"
-#include "knothe/report/results/step_record.hpp"
+#include "knothe/record/forecast_text.hpp"
+#include "knothe/record/posterior_file.hpp"
+#include "knothe/record/step_record.hpp"
 
 namespace knothe::commands {
 
@@ -20,23 +20,23 @@ int forecast(const ForecastArguments& arguments) {
   project.require(!project.forecasts.empty(), "at least one table [forecast.NAME]");
   const project::UpdateSetup setup = project::set_up(project);
   const std::string path = (std::filesystem::path(project.results) / "posterior.nc").string();
-  const assimilation::UpdateResult stored = report::read_last_posterior(path, setup.model.parameter_names());
-  forecast::Forecaster forecaster = project::make_forecaster(project, setup);
+  const assimilation::UpdateResult stored = record::read_last_posterior(path, setup.model.parameter_names());
+  assimilation::Forecaster forecaster = project::make_forecaster(project, setup);
   auto forecasts = forecaster.update(stored.points, stored.weights);
-  forecast::mark_past(forecasts, stored.time);
-  using Density = forecast::Forecaster::FieldDensity;
+  assimilation::mark_past(forecasts, stored.time);
+  using Density = assimilation::Forecaster::FieldDensity;
   const auto published = forecaster.published(stored.points, stored.weights,
                                               arguments.inverse_map ? Density::inverse_map : Density::normal);
   if (arguments.json) {
     nlohmann::ordered_json line = {{"step", stored.step}, {"time", stored.time}};
-    line["forecast"] = report::forecast_record(forecasts, true);
-    line["published"] = report::forecast_record(published, false);
+    line["forecast"] = record::forecast_record(forecasts, true);
+    line["published"] = record::forecast_record(published, false);
     fmt::print("{}\n", files::json_line(line));
     return 0;
   }
   fmt::print("forecasts from the posterior after step {} (model time {:g})\n", stored.step, stored.time);
-  for (const forecast::NamedForecast& named : forecasts) {
-    fmt::print("  {}\n", report::forecast_text(named));
+  for (const assimilation::NamedForecast& named : forecasts) {
+    fmt::print("  {}\n", record::forecast_text(named));
     if (named.bridge_residual_rms) {
       fmt::print(
           "    rms difference between the elastic crack and the predicted displacements at the sensors: "
@@ -44,10 +44,10 @@ int forecast(const ForecastArguments& arguments) {
           *named.bridge_residual_rms * 1e6);
     }
   }
-  for (const forecast::NamedForecast& named : published) {
+  for (const assimilation::NamedForecast& named : published) {
     fmt::print("  {} by Eq. 33 of the paper ({} of the predicted field): {}\n", named.name,
                arguments.inverse_map ? "inverse transport map" : "Gaussian approximation",
-               report::value_text(named.forecast.mean, named.forecast.std, "m"));
+               record::value_text(named.forecast.mean, named.forecast.std, "m"));
   }
   return 0;
 }

@@ -8,13 +8,13 @@
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/command_output.hpp"
 #include "knothe/files/json_line.hpp"
-#include "knothe/report/results/inference_results.hpp"
-#include "knothe/report/results/inference_run.hpp"
+#include "knothe/record/inference_results.hpp"
+#include "knothe/record/inference_run.hpp"
 
 namespace knothe::commands {
 namespace {
 
-using inference::Method;
+using posterior::Method;
 
 void require_possible(const project::Project& project, Method method, bool overridden) {
   if (method != Method::grid || project.parameters.size() <= 3) return;
@@ -25,11 +25,11 @@ void require_possible(const project::Project& project, Method method, bool overr
   throw project.error_at("method.kind", text);
 }
 
-report::InferenceRun run(const project::Project& project, Method method, const std::string& folder,
+record::InferenceRun run(const project::Project& project, Method method, const std::string& folder,
                          const files::CommandOutput& output) {
-  report::InferenceRun run = report::run_inference(project, method, folder);
-  output.line(report::inference_record(run.result, run.setup.axes, report::samples_path(folder)),
-              report::inference_text(run));
+  record::InferenceRun run = record::run_inference(project, method, folder);
+  output.line(record::inference_record(run.result, run.setup.axes, record::samples_path(folder)),
+              record::inference_text(run));
   return run;
 }
 
@@ -42,22 +42,22 @@ int compare(const InferArguments& arguments, const project::Project& project) {
   if (comma == std::string::npos || arguments.compare.find(',', comma + 1) != std::string::npos)
     throw UsageError("--compare takes two methods: --compare transport,mcmc");
   if (!arguments.method.empty()) throw UsageError("--compare and --method exclude each other");
-  const Method first = inference::method_from(arguments.compare.substr(0, comma));
-  const Method second = inference::method_from(arguments.compare.substr(comma + 1));
+  const Method first = assimilation::method_from(arguments.compare.substr(0, comma));
+  const Method second = assimilation::method_from(arguments.compare.substr(comma + 1));
   if (first == second) throw UsageError("--compare takes two different methods");
   for (const Method method : {first, second}) require_possible(project, method, true);
   const files::CommandOutput output(arguments.json);
   const std::filesystem::path folder = project.results;
-  std::vector<report::InferenceRun> runs;
+  std::vector<record::InferenceRun> runs;
   for (const Method method : {first, second})
-    runs.push_back(run(project, method, (folder / inference::to_text(method)).string(), output));
-  const inference::Comparison comparison = inference::compare(runs[0].result, runs[1].result);
+    runs.push_back(run(project, method, (folder / assimilation::to_text(method)).string(), output));
+  const assimilation::Comparison comparison = assimilation::compare(runs[0].result, runs[1].result);
   const auto record =
-      report::comparison_record(comparison, inference::to_text(first), inference::to_text(second));
+      record::comparison_record(comparison, assimilation::to_text(first), assimilation::to_text(second));
   files::write_text_atomically((folder / "comparison.json").string(), files::json_line(record) + "\n");
-  output.line(record, report::comparison_text(runs[0], runs[1], comparison));
-  for (const report::InferenceRun& run : runs)
-    output.text(fmt::format("{}: {}", inference::to_text(run.result.method), run.result.verdict));
+  output.line(record, record::comparison_text(runs[0], runs[1], comparison));
+  for (const record::InferenceRun& run : runs)
+    output.text(fmt::format("{}: {}", assimilation::to_text(run.result.method), run.result.verdict));
   return exit_status(runs[0].result.trusted && runs[1].result.trusted);
 }
 
@@ -68,16 +68,16 @@ int infer(const InferArguments& arguments) {
   if (!arguments.results.empty()) project.results = arguments.results;
   if (!arguments.compare.empty()) return compare(arguments, project);
   const bool overridden = !arguments.method.empty();
-  if (!overridden && !inference::is_one_shot(project.method.kind)) {
+  if (!overridden && !assimilation::is_one_shot(project.method.kind)) {
     throw project.error_at("method.kind",
                            fmt::format("method.kind = \"{}\" is for `knothe assimilate`; one-shot inference "
                                        "takes \"auto\", \"transport\", \"mcmc\", \"smc\" or \"grid\"",
                                        to_text(project.method.kind)));
   }
-  const Method method = overridden ? inference::method_from(arguments.method) : project.method.kind;
+  const Method method = overridden ? assimilation::method_from(arguments.method) : project.method.kind;
   require_possible(project, method, overridden);
   const files::CommandOutput output(arguments.json);
-  const report::InferenceRun answer = run(project, method, project.results, output);
+  const record::InferenceRun answer = run(project, method, project.results, output);
   output.text(answer.result.verdict);
   return exit_status(answer.result.trusted);
 }

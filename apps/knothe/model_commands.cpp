@@ -4,7 +4,7 @@
 #include "apps/knothe/command_line.hpp"
 #include "apps/number_checks.hpp"
 #include "knothe/files/atomic_file.hpp"
-#include "knothe/reduction/model/form_names.hpp"
+#include "knothe/model/reduced/form_names.hpp"
 
 namespace knothe::commands {
 
@@ -78,7 +78,7 @@ void add_model_commands(CLI::App& app, Command& chosen) {
   import_command.add_option("SNAPSHOTS", import.snapshots, "snapshot file")->required();
   import_command.add_option("-o,--output", import.output, "model file to write")->required();
   import_command.add_option("--form", import.form, "canonical or tree")
-      ->check(CLI::IsMember(words_of<reduction::Form>()))
+      ->check(CLI::IsMember(words_of<model::Form>()))
       ->capture_default_str();
   import_command.add_option("--modes", import.modes, "number of modes")->check(positive_number());
   import_command.add_option("--tolerance", import.tolerance, "relative L² error")->check(positive_number());

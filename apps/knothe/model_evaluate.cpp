@@ -7,16 +7,16 @@
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
-#include "knothe/reduction/model/parameter_order.hpp"
-#include "knothe/reduction/model/separated_model.hpp"
+#include "knothe/model/reduced/parameter_order.hpp"
+#include "knothe/model/reduced/separated_model.hpp"
 
 namespace knothe::commands {
 using Json = nlohmann::ordered_json;
-using reduction::SeparatedModel;
+using model::SeparatedModel;
 
 int model_evaluate(const EvaluateArguments& arguments) {
   const auto model = SeparatedModel::load(arguments.model);
-  const std::vector<double> point = reduction::point_at(arguments.at, model.parameter_names());
+  const std::vector<double> point = model::point_at(arguments.at, model.parameter_names());
   if (arguments.step < 0 || static_cast<std::size_t>(arguments.step) >= model.step_count()) {
     throw UsageError(
         fmt::format("--step {}: the model has steps 0 to {}", arguments.step, model.step_count() - 1));
@@ -33,8 +33,8 @@ int model_evaluate(const EvaluateArguments& arguments) {
     files::refuse_overwriting(arguments.output, {arguments.model});
     if (!model.contents().mesh)
       throw DataError(model.where() + ": the model has no mesh: there is no field to write");
-    reduction::write_field(model.contents(), model.evaluate(point, step).value, model.contents().time[step],
-                           arguments.output);
+    model::write_field(model.contents(), model.evaluate(point, step).value, model.contents().time[step],
+                       arguments.output);
   }
   if (!arguments.json && !arguments.output.empty()) return 0;
   const auto field = model.evaluate(point, step, dofs, arguments.derivatives ? 2 : 0);

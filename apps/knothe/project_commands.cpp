@@ -1,6 +1,6 @@
 /// @file The commands that take a project file, pictures or results, as a person types them.
 #include "apps/knothe/command_line.hpp"
-#include "knothe/assimilation/update/method.hpp"
+#include "knothe/posterior/method.hpp"
 
 namespace knothe::commands {
 
@@ -28,7 +28,7 @@ void add_assimilate(CLI::App& app, Command& chosen) {
           "knothe assimilate examples/beam/quick.toml");
   command.add_option("FILE", arguments.project, "project file")->required();
   command.add_option("--method", arguments.method, "transport, grid, mcmc, smc, ekf, ukf or enkf")
-      ->check(CLI::IsMember(words_of<assimilation::Method>()));
+      ->check(CLI::IsMember(words_of<posterior::Method>()));
   command.add_option(
       "--redo", arguments.redo,
       "FROM:TO: assimilate these steps again with the model corrected for its bias, and then the later ones");

@@ -1,12 +1,12 @@
-#include "knothe/assimilation/data/synthetic_measurements.hpp"
+#include "knothe/likelihood/data/synthetic_measurements.hpp"
 
 #include "apps/knothe/commands.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
+#include "knothe/model/reduced/separated_model.hpp"
 #include "knothe/project/picture_simulation.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/simulation.hpp"
-#include "knothe/reduction/model/separated_model.hpp"
 
 namespace knothe::commands {
 
@@ -19,7 +19,7 @@ int simulate(const SimulateArguments& arguments) {
     return run_sibling(words);
   }
   const project::Project project = project::read_project(arguments.project);
-  const auto model = reduction::SeparatedModel::load(arguments.model);
+  const auto model = model::SeparatedModel::load(arguments.model);
   const std::vector<double> truth = project::simulated_truth(project, model.parameter_names());
   const auto field = [&](std::size_t step, std::span<const std::size_t> dofs) {
     return model.evaluate(truth, step, dofs).value;

@@ -23,9 +23,9 @@ Verdict verdict_of(const assimilation::Verdict& verdict) {
 }  // namespace
 
 struct Assimilation::Implementation {
-  engine::Engine engine;
+  assimilation::Engine engine;
 
-  explicit Implementation(engine::EngineSetup setup) : engine(std::move(setup)) {}
+  explicit Implementation(assimilation::EngineSetup setup) : engine(std::move(setup)) {}
 
   /// The posterior of all data.
   [[nodiscard]] Posterior posterior() {
@@ -90,7 +90,7 @@ Posterior Assimilation::assimilate(const Datum& datum) {
   if (implementation_->engine.data().count(datum.step) > 0)
     throw UsageError(
         fmt::format("step {} is assimilated already: withdraw it before adding another", datum.step));
-  assimilation::Datum added{{}, datum.step, datum.step, vector_of(datum.values), std::nullopt};
+  likelihood::Datum added{{}, datum.step, datum.step, vector_of(datum.values), std::nullopt};
   if (!datum.noise.empty()) added.noise = noise_of(datum.noise, sensors);
   implementation_->engine.add(added);
   return implementation_->posterior();

@@ -6,9 +6,9 @@
 
 #include "knothe/base/text.hpp"
 #include "knothe/library/plain.hpp"
-#include "knothe/reduction/model/parameter_order.hpp"
-#include "knothe/reduction/model/truncation_error.hpp"
-#include "knothe/reduction/observe/scalar_observations.hpp"
+#include "knothe/model/observe/scalar_observations.hpp"
+#include "knothe/model/reduced/parameter_order.hpp"
+#include "knothe/model/reduced/truncation_error.hpp"
 
 namespace knothe::library {
 namespace {
@@ -31,7 +31,7 @@ Eigen::SparseMatrix<double> matrix_of(const Noise::Precision& precision) {
   return matrix;
 }
 
-reduction::Dofs places_of(const Sensors& sensors) {
+model::Dofs places_of(const Sensors& sensors) {
   if (sensors.size() == 0 || sensors.points.size() != 3 * sensors.components.size())
     throw UsageError(fmt::format("{} with {}: each has a component and a point x, y, z",
                                  counted(sensors.components.size(), "sensor"),
@@ -41,19 +41,17 @@ reduction::Dofs places_of(const Sensors& sensors) {
 
 /// An engine without noise and priors: the model at the sensors, its parameters in the order of the priors,
 /// and its own error there.
-engine::EngineSetup observe(const std::string& file, const Sensors& sensors,
-                            const std::vector<Prior>& priors) {
-  const reduction::Sensors places(places_of(sensors), sensors.series);
+assimilation::EngineSetup observe(const std::string& file, const Sensors& sensors,
+                                  const std::vector<Prior>& priors) {
+  const model::Sensors places(places_of(sensors), sensors.series);
   std::vector<std::string> names;
   for (const Prior& prior : priors) names.push_back(prior.parameter);
-  const reduction::SeparatedModel model(reduction::with_parameter_order(reduction::read_model(file), names),
-                                        file);
-  engine::EngineSetup setup;
-  setup.model = std::make_shared<reduction::ObservedModel>(observed(model, sensors));
+  const model::SeparatedModel model(model::with_parameter_order(model::read_model(file), names), file);
+  assimilation::EngineSetup setup;
+  setup.model = std::make_shared<model::ObservedModel>(observed(model, sensors));
   setup.sensors = places;
-  setup.known_errors =
-      reduction::observe_off_grid(reduction::read_truncation_error(file), model.contents(), file,
-                                  setup.sensors, {}, model.contents().time, std::ssize(sensors));
+  setup.known_errors = model::observe_off_grid(model::read_truncation_error(file), model.contents(), file,
+                                               setup.sensors, {}, model.contents().time, std::ssize(sensors));
   return setup;
 }
 
@@ -67,41 +65,42 @@ assimilation::UpdateOptions settings_of(const AssimilationOptions& options) {
 
 }  // namespace
 
-reduction::ObservedModel observed(const reduction::SeparatedModel& model, const Sensors& sensors) {
-  reduction::ObservedModel seen = reduction::observe(model, places_of(sensors));
-  std::vector<reduction::ScalarObservation> series;
+model::ObservedModel observed(const model::SeparatedModel& model, const Sensors& sensors) {
+  model::ObservedModel seen = model::observe(model, places_of(sensors));
+  std::vector<model::ScalarObservation> series;
   for (const std::string& name : sensors.series) {
     series.emplace_back();
     series.back().name = series.back().output = name;
   }
-  return series.empty() ? seen : reduction::with_scalars(seen, model, series);
+  return series.empty() ? seen : model::with_scalars(seen, model, series);
 }
 
-assimilation::Prior prior_of(const Prior& prior) {
+posterior::Prior prior_of(const Prior& prior) {
   switch (prior.family) {
     case Prior::Family::uniform:
-      return assimilation::Prior::uniform(prior.first, prior.second);
+      return posterior::Prior::uniform(prior.first, prior.second);
     case Prior::Family::lognormal:
-      return assimilation::Prior::lognormal(prior.first, prior.second);
+      return posterior::Prior::lognormal(prior.first, prior.second);
     case Prior::Family::normal:
       break;
   }
-  return assimilation::Prior::normal(prior.first, prior.second);
+  return posterior::Prior::normal(prior.first, prior.second);
 }
 
-assimilation::GaussianNoise noise_of(const Noise& noise, std::size_t sensors) {
+likelihood::GaussianNoise noise_of(const Noise& noise, std::size_t sensors) {
   const std::size_t size =
       noise.precision.row_begin.empty() ? noise.std.size() : noise.precision.row_begin.size() - 1;
   if (size != sensors || (!noise.std.empty() && !noise.precision.row_begin.empty()))
     throw UsageError(fmt::format("noise of {} for {}: give one standard deviation each, or their precision",
                                  counted(size, "value"), counted(sensors, "sensor")));
-  return noise.std.empty() ? assimilation::GaussianNoise::correlated(matrix_of(noise.precision))
-                           : assimilation::GaussianNoise::independent(vector_of(noise.std));
+  return noise.std.empty() ? likelihood::GaussianNoise::correlated(matrix_of(noise.precision))
+                           : likelihood::GaussianNoise::independent(vector_of(noise.std));
 }
 
-engine::EngineSetup engine_setup(const std::string& model_file, const Sensors& sensors, const Noise& noise,
-                                 const std::vector<Prior>& priors, const AssimilationOptions& options) {
-  engine::EngineSetup setup = observe(model_file, sensors, priors);
+assimilation::EngineSetup engine_setup(const std::string& model_file, const Sensors& sensors,
+                                       const Noise& noise, const std::vector<Prior>& priors,
+                                       const AssimilationOptions& options) {
+  assimilation::EngineSetup setup = observe(model_file, sensors, priors);
   setup.noise = noise_of(noise, sensors.size());
   std::transform(priors.begin(), priors.end(), std::back_inserter(setup.priors), prior_of);
   setup.update = settings_of(options);

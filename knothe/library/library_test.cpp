@@ -8,7 +8,7 @@
 #include <random>
 
 #include "knothe/knothe.hpp"
-#include "knothe/reduction/testing/test_models.hpp"
+#include "knothe/model/testing/test_models.hpp"
 
 namespace knothe {
 namespace {
@@ -26,13 +26,13 @@ std::string message_of(const std::function<void()>& call) {
 class FacadeOfAssimilation : public ::testing::Test {
  protected:
   void SetUp() override {
-    reduction::ModelContents contents = reduction::random_contents(reduction::Form::tree);
+    model::ModelContents contents = model::random_contents(model::Form::tree);
     for (std::size_t i = 0; i < 8; ++i) {
       sensors_.points.insert(sensors_.points.end(), contents.dofs.points.begin() + 9 * static_cast<long>(i),
                              contents.dofs.points.begin() + 9 * static_cast<long>(i) + 3);
       sensors_.components.push_back(static_cast<int>(contents.dofs.components[3 * i]));
     }
-    reduction::write_model(contents, path_);
+    model::write_model(contents, path_);
   }
   void TearDown() override { std::filesystem::remove(path_); }
 
@@ -105,7 +105,7 @@ TEST_F(FacadeOfAssimilation, ADatumBringsItsNoise) {
 
 TEST_F(FacadeOfAssimilation, SeriesStandBehindTheDisplacementsOrAlone) {
   // An output of the model, whose values at the nodes of the grid are known: exact there.
-  const reduction::SeparatedModel model(reduction::read_model(path_), path_);
+  const model::SeparatedModel model(model::read_model(path_), path_);
   const std::vector<Prior> priors = {Prior::uniform("Ad", 0.6, 1.4), Prior::normal("Y0", 1.0, 0.2)};
   Sensors both = sensors_;
   both.series = {"force"};

@@ -10,11 +10,11 @@
 #include "knothe/library/plain.hpp"
 #include "knothe/numerics/statistics/random.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
-#include "knothe/sampling/nested_laplace.hpp"
-#include "knothe/transport/extras/map_distribution.hpp"
-#include "knothe/transport/extras/sample_map.hpp"
-#include "knothe/transport/map/map_file.hpp"
-#include "knothe/transport/solve/map_solver.hpp"
+#include "knothe/posterior/draws/nested_laplace.hpp"
+#include "knothe/posterior/map/map_file.hpp"
+#include "knothe/posterior/map/samples/map_distribution.hpp"
+#include "knothe/posterior/map/samples/sample_map.hpp"
+#include "knothe/posterior/map/solve/map_solver.hpp"
 
 namespace knothe {
 
@@ -22,7 +22,7 @@ using library::plain, library::rows_of, library::vector_of;
 
 /// A map of a density goes from the reference to the points, one of samples the other way.
 struct TransportMap::Implementation {
-  std::variant<transport::MapDistribution, transport::SampleMap> map;
+  std::variant<posterior::MapDistribution, posterior::SampleMap> map;
   bool trusted = true;
   std::string remark = {};
   [[nodiscard]] std::size_t dimension() const {
@@ -32,12 +32,12 @@ struct TransportMap::Implementation {
 
 TransportMap TransportMap::from_samples(std::span<const double> samples, std::size_t dimension,
                                         const SampleMapOptions& options) {
-  transport::SampleMapOptions settings;
+  posterior::SampleMapOptions settings;
   settings.max_order = options.max_order;
   settings.folds = options.folds;
   settings.seed = options.seed;
-  transport::SampleMap map =
-      transport::map_from_samples(rows_of(samples, dimension, "map from samples"), settings);
+  posterior::SampleMap map =
+      posterior::map_from_samples(rows_of(samples, dimension, "map from samples"), settings);
   const bool converged = map.converged;
   std::string reason = map.reason;
   return TransportMap(
@@ -79,14 +79,14 @@ std::vector<double> by_blocks(std::span<const double> points, std::size_t dimens
 }  // namespace
 
 std::vector<double> TransportMap::evaluate(std::span<const double> reference) const {
-  const auto* forward = std::get_if<transport::MapDistribution>(&implementation_->map);
+  const auto* forward = std::get_if<posterior::MapDistribution>(&implementation_->map);
   return by_blocks(reference, dimension(), "points of the reference", [&](const Eigen::MatrixXd& x) {
     return forward ? forward->map().evaluate(x) : std::get<1>(implementation_->map).map.inverse(x);
   });
 }
 
 std::vector<double> TransportMap::inverse(std::span<const double> points) const {
-  const auto* forward = std::get_if<transport::MapDistribution>(&implementation_->map);
+  const auto* forward = std::get_if<posterior::MapDistribution>(&implementation_->map);
   return by_blocks(points, dimension(), "points", [&](const Eigen::MatrixXd& z) {
     return forward ? forward->map().inverse(z) : std::get<1>(implementation_->map).map.evaluate(z);
   });
@@ -126,42 +126,42 @@ constexpr const char* k_remark = "remark";
 }  // namespace
 
 void TransportMap::save(const std::string& path) const {
-  transport::MapMetadata metadata;
+  posterior::MapMetadata metadata;
   if (!trusted() || !remark().empty()) metadata[trusted() ? k_remark : k_doubt] = remark();
-  if (const auto* forward = std::get_if<transport::MapDistribution>(&implementation_->map))
-    return transport::save_map(path, forward->map(), metadata);
+  if (const auto* forward = std::get_if<posterior::MapDistribution>(&implementation_->map))
+    return posterior::save_map(path, forward->map(), metadata);
   metadata[k_direction] = k_to_reference;
-  transport::save_map(path, std::get<1>(implementation_->map).map, metadata);
+  posterior::save_map(path, std::get<1>(implementation_->map).map, metadata);
 }
 
 TransportMap TransportMap::load(const std::string& path) {
-  transport::StoredMap stored = transport::load_map(path);
+  posterior::StoredMap stored = posterior::load_map(path);
   const bool trusted = !stored.metadata.contains(k_doubt);
   const std::string remark = stored.metadata[trusted ? k_remark : k_doubt];
   if (stored.metadata[k_direction] != k_to_reference)
     return TransportMap(std::make_shared<Implementation>(
-        Implementation{transport::MapDistribution(std::move(stored.map)), trusted, remark}));
-  transport::SampleMap map;
+        Implementation{posterior::MapDistribution(std::move(stored.map)), trusted, remark}));
+  posterior::SampleMap map;
   map.map = std::move(stored.map);
   return TransportMap(std::make_shared<Implementation>(Implementation{std::move(map), trusted, remark}));
 }
 
 std::string TransportMap::describe() const {
-  const auto* forward = std::get_if<transport::MapDistribution>(&implementation_->map);
+  const auto* forward = std::get_if<posterior::MapDistribution>(&implementation_->map);
   return forward ? forward->map().describe() : std::get<1>(implementation_->map).map.describe();
 }
 
 namespace {
 
 /// The caller's functions as the solver wants them: many points at once.
-class FunctionDensity final : public sampling::LogDensity {
+class FunctionDensity final : public posterior::LogDensity {
  public:
   explicit FunctionDensity(const Density& density)
       : density_(&density), point_(density.dimension), slope_(point_) {}
   [[nodiscard]] Eigen::Index dimension() const override { return std::ssize(point_); }
   [[nodiscard]] int available_derivatives() const override { return density_->gradient ? 1 : 0; }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
-                sampling::LogDensityBatch& out) override {
+                posterior::LogDensityBatch& out) override {
     for (Eigen::Index i = 0; i < points.rows(); ++i) {
       for (Eigen::Index k = 0; k < dimension(); ++k) point_[k] = points(i, k);
       out.value[i] = density_->log_value(point_);
@@ -222,7 +222,7 @@ void check_gradient(const Density& density) {
   }
 }
 
-Posterior posterior_of(const transport::MapResult& solved, const transport::ImportanceCorrection& corrected) {
+Posterior posterior_of(const posterior::MapResult& solved, const posterior::ImportanceCorrection& corrected) {
   Posterior posterior;
   posterior.mean = plain(corrected.mean);
   posterior.covariance = plain(corrected.covariance);
@@ -243,19 +243,19 @@ Posterior posterior_of(const transport::MapResult& solved, const transport::Impo
 
 /// What no map represents may be nearly Gaussian once a few variables are known: then these answers instead
 /// of the map's own, if they are good. `posterior` is not trusted.
-void answer_by_few_variables_first(sampling::LogDensity& target, std::uint64_t seed, Posterior& posterior) {
-  sampling::NestedLaplaceOptions options;
+void answer_by_few_variables_first(posterior::LogDensity& target, std::uint64_t seed, Posterior& posterior) {
+  posterior::NestedLaplaceOptions options;
   options.seed = seed;
-  sampling::NestedLaplaceResult draws;
+  posterior::NestedLaplaceResult draws;
   try {
-    draws = sampling::nested_laplace(target, options);
+    draws = posterior::nested_laplace(target, options);
   } catch (const NumericalError&) {  // no mass where it looks: the map's answer stays
     return;
   }
   if (!draws.converged) return;
-  const sampling::WeightedSample& sample = draws.sample;
-  posterior.mean = plain(sampling::mean_of(sample));
-  posterior.covariance = plain(sampling::covariance_of(sample));
+  const posterior::WeightedSample& sample = draws.sample;
+  posterior.mean = plain(posterior::mean_of(sample));
+  posterior.covariance = plain(posterior::covariance_of(sample));
   posterior.quantiles = plain(numerics::weighted_quantiles(sample.points, sample.weights));
   posterior.points = plain(sample.points);
   posterior.weights = plain(sample.weights);
@@ -275,18 +275,18 @@ MapSolution solve_map(const Density& density, const MapOptions& options) {
   if (density.dimension == 0 || !density.log_value)
     throw UsageError("solve_map: a density needs a dimension of at least 1 and the function log_value");
   if (density.gradient && options.standardised) check_gradient(density);
-  transport::MapSolverOptions settings;
+  posterior::MapSolverOptions settings;
   settings.tolerance = options.tolerance;
   settings.max_order = options.max_order;
   settings.seed = options.seed;
-  settings.scan = options.standardised ? sampling::ScanReach::near : sampling::ScanReach::wide;
-  if (options.triangular) settings.orientation = transport::Orientation::given;
-  transport::MapSolver solver(settings);
+  settings.scan = options.standardised ? posterior::ScanReach::near : posterior::ScanReach::wide;
+  if (options.triangular) settings.orientation = posterior::Orientation::given;
+  posterior::MapSolver solver(settings);
   FunctionDensity target(density);
-  const transport::MapResult solved = solver.solve(target);
+  const posterior::MapResult solved = solver.solve(target);
   Posterior posterior = posterior_of(solved, solver.correct(target, solved));
   TransportMap map(std::make_shared<TransportMap::Implementation>(TransportMap::Implementation{
-      transport::MapDistribution(solved.composed()), posterior.trusted, posterior.remark}));
+      posterior::MapDistribution(solved.composed()), posterior.trusted, posterior.remark}));
   if (!posterior.trusted && !solved.second_mode_found && density.gradient && density.dimension > 1)
     answer_by_few_variables_first(target, options.seed, posterior);
   return {std::move(map), std::move(posterior)};

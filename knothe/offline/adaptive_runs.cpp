@@ -9,39 +9,39 @@
 #include <nlohmann/json.hpp>
 
 #include "knothe/assimilation/select/run_selection.hpp"
-#include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/index.hpp"
 #include "knothe/base/text.hpp"
-#include "knothe/mechanics/full_order/beam_simulator.hpp"
+#include "knothe/likelihood/step/prior_of_model.hpp"
+#include "knothe/model/grid/sparse_solutions.hpp"
+#include "knothe/model/simulator/grid_runs.hpp"
+#include "knothe/offline/full_order/beam_simulator.hpp"
 #include "knothe/offline/grid_solving.hpp"
 #include "knothe/offline/posterior_judge.hpp"
 #include "knothe/offline/problem.hpp"
-#include "knothe/reduction/grid/sparse_solutions.hpp"
-#include "knothe/simulator/grid_runs.hpp"
 
 namespace knothe::offline {
 namespace {
 
-using assimilation::Prior;
 using assimilation::RunSelectionOptions;
 using assimilation::RunSelectionStep;
 using assimilation::SelectedRuns;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-using reduction::Snapshots;
+using model::Snapshots;
+using posterior::Prior;
 
 /// The priors of the axes, in their order, truncated to the box.
-std::vector<Prior> priors_of(const project::Project& project, const std::vector<reduction::Axis>& axes) {
+std::vector<Prior> priors_of(const project::Project& project, const std::vector<model::Axis>& axes) {
   std::vector<Prior> priors;
-  std::vector<reduction::Axis> with_prior;
-  for (const reduction::Axis& axis : axes)
+  std::vector<model::Axis> with_prior;
+  for (const model::Axis& axis : axes)
     for (const project::NamedPrior& parameter : project.parameters)
       if (parameter.name == axis.name) {
         priors.push_back(parameter.prior);
         with_prior.push_back(axis);
       }
-  return assimilation::truncated_to_box(with_prior, std::move(priors));
+  return likelihood::truncated_to_box(with_prior, std::move(priors));
 }
 
 RunSelectionOptions selection_options(const project::OfflineOptions& options) {
@@ -51,12 +51,12 @@ RunSelectionOptions selection_options(const project::OfflineOptions& options) {
 /// The project's solver as a function of points, and the runs it has made.
 class ObservedRuns {
  public:
-  ObservedRuns(const project::Project& project, simulator::Simulator& solver, const std::string& parts_folder,
+  ObservedRuns(const project::Project& project, model::Simulator& solver, const std::string& parts_folder,
                const files::CommandOutput& output)
       : project_(project),
         solver_(solver),
         output_(output),
-        share_(mechanics::share_of_ranks()),
+        share_(share_of_ranks()),
         grid_(run_grid_of(project, parts_folder)) {}
 
   [[nodiscard]] bool is_first() const { return share_.rank == 0; }
@@ -64,7 +64,7 @@ class ObservedRuns {
 
   /// Predictions at the points in units of their noise, n × (n_t n_obs); NaN where a run has failed.
   MatrixXd operator()(const std::vector<std::vector<double>>& points) {
-    const simulator::PointRuns found = solve(points);
+    const model::PointRuns found = solve(points);
     const auto is_in = [](const std::vector<std::size_t>& some, std::size_t n) {
       return std::binary_search(some.begin(), some.end(), n);
     };
@@ -73,7 +73,7 @@ class ObservedRuns {
     MatrixXd result = MatrixXd::Constant(count, std::max<Index>(columns_, 1), std::nan(""));
     for (Index n = 0; n < std::ssize(points); ++n) {
       if (is_in(found.failed, n)) continue;
-      const simulator::FinishedRun run = simulator::read_run(found.runs[n]);
+      const model::FinishedRun run = model::read_run(found.runs[n]);
       if (is_first()) report_run({points[n], !is_in(found.computed, n), run.record}, output_);
       if (!problem_) set_frame(run.solution);
       const VectorXd row = observed(run.solution, found.runs[n].file);
@@ -92,15 +92,14 @@ class ObservedRuns {
   /// Runs `first` … of all that were asked for.
   [[nodiscard]] std::vector<Snapshots> solutions(std::size_t first, std::size_t count) const {
     std::vector<Snapshots> result;
-    for (std::size_t n = first; n < first + count; ++n)
-      result.push_back(simulator::read_run(runs_[n]).solution);
+    for (std::size_t n = first; n < first + count; ++n) result.push_back(model::read_run(runs_[n]).solution);
     return result;
   }
 
  private:
-  simulator::PointRuns solve(const std::vector<std::vector<double>>& points) {
+  model::PointRuns solve(const std::vector<std::vector<double>>& points) {
     try {
-      return simulator::run_points(solver_, grid_, points, share_);
+      return model::run_points(solver_, grid_, points, share_);
     } catch (const Interrupted& interrupted) {  // which tells of this round alone
       throw Interrupted(
           fmt::format("{} (the {} of the rounds before are kept too)", interrupted.what(), runs_.size()));
@@ -137,11 +136,11 @@ class ObservedRuns {
   }
 
   const project::Project& project_;
-  simulator::Simulator& solver_;
+  model::Simulator& solver_;
   const files::CommandOutput& output_;
-  simulator::JobShare share_;
-  simulator::RunGrid grid_;
-  std::vector<simulator::Run> runs_;
+  model::JobShare share_;
+  model::RunGrid grid_;
+  std::vector<model::Run> runs_;
   std::size_t computed_ = 0;
   std::optional<SyntheticProblem> problem_;
   Snapshots frame_;
@@ -197,8 +196,8 @@ class RoundReport {
 };
 
 /// The axes with as many nodes as splines need to be no worse than the interpolation.
-std::vector<reduction::Axis> model_axes(const SelectedRuns& selected, const std::vector<Prior>& priors,
-                                        std::vector<reduction::Axis> axes, double wanted) {
+std::vector<model::Axis> model_axes(const SelectedRuns& selected, const std::vector<Prior>& priors,
+                                    std::vector<model::Axis> axes, double wanted) {
   assimilation::ExpectedShift shift(priors);
   shift.set(selected.interpolation, selected.surpluses);
   // Of the shift, for the splines of all axes together: what they miss is independent, so squares add up.
@@ -237,7 +236,7 @@ void require_small(const Snapshots& frame, const Snapshots& first) {
 
 }  // namespace
 
-void check_grid_shift(const project::Project& project, const std::vector<reduction::Axis>& axes) {
+void check_grid_shift(const project::Project& project, const std::vector<model::Axis>& axes) {
   if (!project.offline->adaptive_grid_shift) return;
   project.require(project.simulate.has_value() && priors_of(project, axes).size() == axes.size() &&
                       project.parameters.size() == axes.size(),
@@ -251,9 +250,9 @@ void check_grid_shift(const project::Project& project, const std::vector<reducti
         options.runs, least, axes.size(), options.held_out));
 }
 
-SolvedGrid solve_adaptive_grid(const project::Project& project, simulator::Simulator& solver,
+SolvedGrid solve_adaptive_grid(const project::Project& project, model::Simulator& solver,
                                const std::string& parts_folder, const files::CommandOutput& output) {
-  const std::vector<reduction::Axis> axes = parameter_axes(project);
+  const std::vector<model::Axis> axes = parameter_axes(project);
   const std::vector<Prior> priors = priors_of(project, axes);
   const RunSelectionOptions options = selection_options(*project.offline);
   VectorXd lower(std::ssize(axes)), upper(lower.size());
@@ -277,8 +276,8 @@ SolvedGrid solve_adaptive_grid(const project::Project& project, simulator::Simul
   const std::vector<Snapshots> solutions = runs.solutions(held_out, selected.points.size());
   require_small(frame, solutions.front());
   result.solutions = interpolate_on_grid(selected.interpolation, std::move(frame), solutions);
-  reduction::validate(result.solutions.snapshots, "full-order runs");
-  result.off_grid = simulator::fields_of(runs.solutions(0, held_out));
+  model::validate(result.solutions.snapshots, "full-order runs");
+  result.off_grid = model::fields_of(runs.solutions(0, held_out));
   return result;
 }
 

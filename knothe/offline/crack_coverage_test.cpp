@@ -18,71 +18,71 @@
 #include <string>
 #include <vector>
 
-#include "knothe/assimilation/data/synthetic_measurements.hpp"
-#include "knothe/assimilation/update/prior_transform.hpp"
+#include "knothe/assimilation/forecast/crack_bridge.hpp"
+#include "knothe/assimilation/forecast/forecaster.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/files/testing/test_folder.hpp"
-#include "knothe/forecast/crack_bridge.hpp"
-#include "knothe/forecast/forecaster.hpp"
-#include "knothe/mechanics/full_order/beam_simulator.hpp"
-#include "knothe/mechanics/full_order/offline.hpp"
+#include "knothe/likelihood/data/synthetic_measurements.hpp"
+#include "knothe/model/compress/compression.hpp"
+#include "knothe/model/observe/crack_modes.hpp"
+#include "knothe/model/observe/observation_operator.hpp"
+#include "knothe/model/observe/observed_model.hpp"
 #include "knothe/numerics/statistics/random.hpp"
-#include "knothe/reduction/compress/compression.hpp"
-#include "knothe/reduction/observe/crack_modes.hpp"
-#include "knothe/reduction/observe/observation_operator.hpp"
-#include "knothe/reduction/observe/observed_model.hpp"
+#include "knothe/offline/full_order/beam_simulator.hpp"
+#include "knothe/offline/full_order/offline.hpp"
+#include "knothe/posterior/prior/prior_transform.hpp"
 
 namespace knothe::offline {
 namespace {
 
-using reduction::Sensors;
+using model::Sensors;
 
 /// The beam of the paper, and the grid on which its reduced model is built.
 struct BeamCase {
   std::string name;
-  mechanics::BeamProblem problem;
+  BeamProblem problem;
   int nodes = 9;  ///< of the parameter grid, per axis
 
-  [[nodiscard]] std::vector<reduction::Axis> axes() const {
-    return {mechanics::parameter_axis("Y0", problem.reference.threshold, 0.5, 1.5, nodes),
-            mechanics::parameter_axis("Ad", problem.reference.brittleness, 0.5, 1.5, nodes)};
+  [[nodiscard]] std::vector<model::Axis> axes() const {
+    return {parameter_axis("Y0", problem.reference.threshold, 0.5, 1.5, nodes),
+            parameter_axis("Ad", problem.reference.brittleness, 0.5, 1.5, nodes)};
   }
 };
 
 /// The model of at most so many modes, with crack solutions; read from the folder if it is there.
-reduction::SeparatedModel model_of(const BeamCase& chosen, reduction::Form form, std::size_t modes,
-                                   const std::string& folder, int processes) {
+model::SeparatedModel model_of(const BeamCase& chosen, model::Form form, std::size_t modes,
+                               const std::string& folder, int processes) {
   const std::string path = folder + "/" + chosen.name + ".h5";
-  if (std::filesystem::exists(path)) return reduction::SeparatedModel(reduction::read_model(path), path);
-  simulator::RunGrid grid;
+  if (std::filesystem::exists(path)) return model::SeparatedModel(model::read_model(path), path);
+  model::RunGrid grid;
   grid.axes = chosen.axes();
   grid.parts_folder = folder + "/" + chosen.name + ".parts";
   grid.processes = processes;
-  const reduction::Snapshots snapshots = mechanics::run_snapshots(chosen.problem, grid).snapshots;
-  reduction::CompressionOptions options;
+  const model::Snapshots snapshots = run_snapshots(chosen.problem, grid).snapshots;
+  model::CompressionOptions options;
   options.form = form;
   options.modes = std::min(modes, snapshots.grid_size() - 1);
-  reduction::ModelContents contents = reduction::compress(snapshots, options);
-  const mechanics::CrackTable table = mechanics::crack_table(chosen.problem, {}, snapshots.dofs);
-  contents.crack = reduction::crack_modes(table.lengths, table.values);
-  reduction::write_model(contents, path);
-  return reduction::SeparatedModel(std::move(contents), path);
+  model::ModelContents contents = model::compress(snapshots, options);
+  const CrackTable table = crack_table(chosen.problem, {}, snapshots.dofs);
+  contents.crack = model::crack_modes(table.lengths, table.values);
+  model::write_model(contents, path);
+  return model::SeparatedModel(std::move(contents), path);
 }
 
 /// 30 nodes of the outer face with |x| ≤ 120 mm, x and y components.
-Sensors sensors_of(const reduction::SeparatedModel& model) {
-  const reduction::Dofs& dofs = model.contents().dofs;
-  assimilation::DofSelection selection;
+Sensors sensors_of(const model::SeparatedModel& model) {
+  const model::Dofs& dofs = model.contents().dofs;
+  likelihood::DofSelection selection;
   selection.nodes = 30;
   selection.x_range = {-0.12, 0.12};
   Sensors sensors;
-  for (const std::size_t dof : assimilation::choose_dofs(dofs, selection, 1))
+  for (const std::size_t dof : likelihood::choose_dofs(dofs, selection, 1))
     sensors.add(dofs.point(dof), dofs.components[dof]);
   return sensors;
 }
 
 /// The displacements that a model predicts at parameters `p`, n × n_t.
-Eigen::MatrixXd predicted(const reduction::ObservedModel& model, const Eigen::VectorXd& p) {
+Eigen::MatrixXd predicted(const model::ObservedModel& model, const Eigen::VectorXd& p) {
   Eigen::MatrixXd exact(model.observations(), static_cast<Eigen::Index>(model.time.size()));
   for (std::size_t t = 0; t < model.time.size(); ++t)
     exact.col(static_cast<Eigen::Index>(t)) = model.predict(p, t);
@@ -90,8 +90,8 @@ Eigen::MatrixXd predicted(const reduction::ObservedModel& model, const Eigen::Ve
 }
 
 /// The paper's prior, of mean (0.9, 1.1) and covariance 0.2 I; the update truncates it to the model's box.
-std::vector<assimilation::Prior> paper_priors() {
-  return {assimilation::Prior::normal(0.9, std::sqrt(0.2)), assimilation::Prior::normal(1.1, std::sqrt(0.2))};
+std::vector<posterior::Prior> paper_priors() {
+  return {posterior::Prior::normal(0.9, std::sqrt(0.2)), posterior::Prior::normal(1.1, std::sqrt(0.2))};
 }
 
 constexpr double k_noise_std = 1e-6;  ///< m
@@ -107,27 +107,27 @@ struct Truth {
 
 /// The beam as it is watched up to the horizon, a step of the model.
 struct Watched {
-  const reduction::SeparatedModel& model;
+  const model::SeparatedModel& model;
   Sensors sensors;
-  std::shared_ptr<const reduction::ObservedModel> seen;
+  std::shared_ptr<const model::ObservedModel> seen;
   std::size_t horizon;
-  assimilation::PriorTransform prior;
+  posterior::PriorTransform prior;
   Eigen::MatrixXd crack_solutions;  ///< at the sensors, lengths × n
 
-  Watched(const reduction::SeparatedModel& of, std::size_t horizon_step)
+  Watched(const model::SeparatedModel& of, std::size_t horizon_step)
       : model(of),
         sensors(sensors_of(of)),
-        seen(std::make_shared<const reduction::ObservedModel>(reduction::observe(of, sensors))),
+        seen(std::make_shared<const model::ObservedModel>(model::observe(of, sensors))),
         horizon(horizon_step),
         prior(update().transform()) {
-    const reduction::CrackSolutions& crack = model.contents().crack;
+    const model::CrackSolutions& crack = model.contents().crack;
     const auto dofs = static_cast<Eigen::Index>(model.dof_count());
     const auto modes = static_cast<Eigen::Index>(crack.modes.size()) / dofs;
-    const reduction::ObservationOperator operation(model.contents().dofs, model.contents().mesh, "the beam",
-                                                   sensors);
+    const model::ObservationOperator operation(model.contents().dofs, model.contents().mesh, "the beam",
+                                               sensors);
     const Eigen::MatrixXd shapes =
         operation.apply(Eigen::Map<const Eigen::MatrixXd>(crack.modes.data(), dofs, modes));
-    crack_solutions = Eigen::Map<const reduction::RowMatrix>(
+    crack_solutions = Eigen::Map<const model::RowMatrix>(
                           crack.coefficients.data(), static_cast<Eigen::Index>(crack.length.size()), modes) *
                       shapes.transpose();
   }
@@ -139,11 +139,10 @@ struct Watched {
     return options;
   }
   [[nodiscard]] assimilation::SequentialUpdate update() const {
-    return {
-        seen,
-        assimilation::NoiseModel::independent(Eigen::VectorXd::Constant(seen->observations(), k_noise_std)),
-        paper_priors(),
-        {}};
+    return {seen,
+            likelihood::NoiseModel::independent(Eigen::VectorXd::Constant(seen->observations(), k_noise_std)),
+            paper_priors(),
+            {}};
   }
   [[nodiscard]] Eigen::VectorXd draw(unsigned seed) const {
     const Eigen::MatrixXd z = numerics::monte_carlo_normal_points(1, 2, seed);
@@ -153,13 +152,13 @@ struct Watched {
   }
   /// The length of the elastic crack whose field is nearest to `field`, n.
   [[nodiscard]] double elastic_length(const Eigen::VectorXd& field, double imposed) const {
-    const forecast::CrackBridge bridge(
-        forecast::CrackMetaModel(model.contents().crack.length, crack_solutions),
+    const assimilation::CrackBridge bridge(
+        assimilation::CrackMetaModel(model.contents().crack.length, crack_solutions),
         {field, Eigen::MatrixXd::Zero(field.size(), 1)}, imposed);
-    return bridge.best_lengths(reduction::RowMatrix::Zero(1, 1))[0];
+    return bridge.best_lengths(model::RowMatrix::Zero(1, 1))[0];
   }
-  [[nodiscard]] forecast::ForecastSpecification length() const {
-    forecast::ForecastSpecification what;
+  [[nodiscard]] assimilation::ForecastSpecification length() const {
+    assimilation::ForecastSpecification what;
     what.name = "elastic";
     what.horizon = model.contents().time[horizon];
     return what;
@@ -169,7 +168,7 @@ struct Watched {
 /// A true length against the reduced model's elastic one at the same parameters: a curve through the means of
 /// ten equal shares of the truths in the order of the latter, and what is left.
 struct Relation {
-  forecast::LengthCurve::Points curve;
+  assimilation::LengthCurve::Points curve;
   double std = 0;
 };
 
@@ -189,7 +188,7 @@ Relation relation_of(std::vector<Truth> truths, double Truth::*length) {
     if (relation.curve.empty() || (mean[0] > relation.curve.back()[0] && mean[1] > relation.curve.back()[1]))
       relation.curve.push_back(mean);
   }
-  const forecast::LengthCurve curve(relation.curve);
+  const assimilation::LengthCurve curve(relation.curve);
   for (const Truth& t : truths)
     relation.std += std::pow(t.*length - curve(t.modelled), 2) / static_cast<double>(n - k_parts);
   relation.std = std::sqrt(relation.std);
@@ -220,8 +219,8 @@ struct Counts {
 };
 
 /// What is asked of a forecast of one truth: curve and error of both lengths, the truths as thresholds.
-forecast::Forecaster forecaster_for(const Watched& beam, const Truth& truth, const Relations& relations) {
-  forecast::ForecastSpecification elastic = beam.length(), damaged = beam.length();
+assimilation::Forecaster forecaster_for(const Watched& beam, const Truth& truth, const Relations& relations) {
+  assimilation::ForecastSpecification elastic = beam.length(), damaged = beam.length();
   damaged.name = "damaged";
   elastic.length_curve = relations.elastic.curve;
   elastic.model_error_std = relations.elastic.std;
@@ -261,11 +260,11 @@ std::array<Relations, k_leads> errors_left(const Watched& beam, const std::vecto
   const Relations exact{{relations.elastic.curve, 0}, {relations.damaged.curve, 0}};
   for (std::size_t i = 0; i < calibration.size(); ++i) {
     const Truth& truth = calibration[i];
-    forecast::Forecaster forecaster = forecaster_for(beam, truth, exact);
+    assimilation::Forecaster forecaster = forecaster_for(beam, truth, exact);
     watch(beam, truth, 9000 + static_cast<unsigned>(i), asked,
-          [&](std::size_t lead, const assimilation::Posterior& posterior) {
+          [&](std::size_t lead, const posterior::Posterior& posterior) {
             const auto forecasts = forecaster.update(posterior.points, posterior.weights);
-            const forecast::ScalarForecast &e = forecasts[0].forecast, &d = forecasts[1].forecast;
+            const assimilation::ScalarForecast &e = forecasts[0].forecast, &d = forecasts[1].forecast;
             elastic[lead].push_back({truth.elastic - e.mean, e.std});
             damaged[lead].push_back({truth.damaged - d.mean, d.std});
           });
@@ -292,7 +291,7 @@ std::array<Relations, k_leads> errors_left(const Watched& beam, const std::vecto
 }
 
 /// With the truth as its threshold.
-bool holds(const forecast::ScalarForecast& forecast) {
+bool holds(const assimilation::ScalarForecast& forecast) {
   return 0.05 <= forecast.probability_above_threshold && forecast.probability_above_threshold <= 0.95;
 }
 
@@ -301,8 +300,8 @@ Counts count(const Watched& beam, const std::vector<Truth>& truths,
   Counts counts;
   for (std::size_t i = 0; i < truths.size(); ++i) {
     watch(beam, truths[i], 7000 + static_cast<unsigned>(i), asked,
-          [&](std::size_t lead, const assimilation::Posterior& posterior) {
-            forecast::Forecaster forecaster = forecaster_for(beam, truths[i], relations[lead]);
+          [&](std::size_t lead, const posterior::Posterior& posterior) {
+            assimilation::Forecaster forecaster = forecaster_for(beam, truths[i], relations[lead]);
             const auto forecasts = forecaster.update(posterior.points, posterior.weights);
             counts.elastic[lead] += holds(forecasts[0].forecast);
             counts.damaged[lead] += holds(forecasts[1].forecast);
@@ -332,7 +331,7 @@ TEST(CrackForecast, IntervalsHoldTruthsOfTheModelAsOftenAsTheySay) {
   coarse.problem.beam.element = 0.02;
   coarse.problem.solver.steps = 12;
   const files::TestFolder folder;
-  const reduction::SeparatedModel model = model_of(coarse, reduction::Form::canonical, 5, folder.file(""), 2);
+  const model::SeparatedModel model = model_of(coarse, model::Form::canonical, 5, folder.file(""), 2);
   const Watched beam(model, 5);
   const double imposed = coarse.problem.solver.displacement * model.contents().time[beam.horizon];
   const auto draws = [&](unsigned count, unsigned seed) {
@@ -372,11 +371,11 @@ BeamCase coverage_case(const std::string& name) {
     return watched_case(other, "watched_mesh", 1.2e-4);
   }
   if (name == "band") {
-    other.problem.solver.regularisation = {mechanics::DamageRegularisation::crack_band, 0.02, 0.01};
+    other.problem.solver.regularisation = {DamageRegularisation::crack_band, 0.02, 0.01};
     return watched_case(other, "watched_band", 1.6e-4);
   }
   other.problem.beam.element = 0.01;
-  other.problem.solver.regularisation = {mechanics::DamageRegularisation::gradient, 0.005, 0.02};
+  other.problem.solver.regularisation = {DamageRegularisation::gradient, 0.005, 0.02};
   return watched_case(other, "watched_gradient", 4e-4);
 }
 
@@ -392,22 +391,22 @@ TEST_P(CrackCoverage, LengthsOfHeldOutFullOrderRunsAreAsForecast) {
   const char* kept = std::getenv("KNOTHE_CRACK_MODELS");
   const std::string folder = kept != nullptr ? kept : own.file("");
   const BeamCase chosen = coverage_case(GetParam());
-  const reduction::SeparatedModel model = model_of(chosen, reduction::Form::tree, 50, folder, 1);
+  const model::SeparatedModel model = model_of(chosen, model::Form::tree, 50, folder, 1);
   const auto steps = static_cast<std::size_t>(chosen.problem.solver.steps);
   const Watched beam(model, steps - 1);
 
-  mechanics::FullOrderModel full = mechanics::make_full_order_model(chosen.problem);
-  const std::vector<reduction::Axis> axes = chosen.axes();
-  const reduction::ObservationOperator operation(model.contents().dofs, model.contents().mesh, "the beam",
-                                                 beam.sensors);
+  FullOrderModel full = make_full_order_model(chosen.problem);
+  const std::vector<model::Axis> axes = chosen.axes();
+  const model::ObservationOperator operation(model.contents().dofs, model.contents().mesh, "the beam",
+                                             beam.sensors);
   const auto last = static_cast<Eigen::Index>(steps) - 1;
   const double imposed = chosen.problem.solver.displacement;
   const auto solve = [&](unsigned first, unsigned count) {
     std::vector<Truth> truths;
     for (unsigned i = 0; i < count; ++i) {
       Truth truth{beam.draw(400 + first + i), {}, 0, 0, 0};
-      const mechanics::FullOrderResult run = full.run(mechanics::damage_parameters(
-          chosen.problem, axes, {truth.p.data(), truth.p.data() + truth.p.size()}));
+      const FullOrderResult run = full.run(
+          damage_parameters(chosen.problem, axes, {truth.p.data(), truth.p.data() + truth.p.size()}));
       truth.exact = operation.apply(Eigen::Map<const Eigen::MatrixXd>(
           run.displacement.data(), static_cast<Eigen::Index>(model.dof_count()), last + 1));
       truth.elastic = beam.elastic_length(truth.exact.col(last), imposed);

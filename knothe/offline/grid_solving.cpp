@@ -9,30 +9,30 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/index.hpp"
 #include "knothe/base/progress.hpp"
-#include "knothe/mechanics/distributed/ranks.hpp"
-#include "knothe/mechanics/full_order/beam_simulator.hpp"
-#include "knothe/mechanics/latin/latin_model.hpp"
+#include "knothe/model/grid/grid_refinement.hpp"
+#include "knothe/model/grid/sparse_grid.hpp"
+#include "knothe/offline/distributed/ranks.hpp"
+#include "knothe/offline/full_order/beam_simulator.hpp"
+#include "knothe/offline/latin/latin_model.hpp"
 #include "knothe/offline/posterior_judge.hpp"
 #include "knothe/offline/problem.hpp"
-#include "knothe/reduction/grid/grid_refinement.hpp"
-#include "knothe/reduction/grid/sparse_grid.hpp"
 
 namespace knothe::offline {
 namespace {
 
+using model::GridSolutions;
 using project::OfflineOptions;
-using reduction::GridSolutions;
 
-SolvedGrid run_grid(simulator::Simulator& solver, const simulator::RunGrid& grid,
+SolvedGrid run_grid(model::Simulator& solver, const model::RunGrid& grid,
                     const files::CommandOutput& output) {
-  const simulator::JobShare share = mechanics::share_of_ranks();
-  simulator::GridRuns runs = simulator::run_grid(solver, grid, share);
+  const model::JobShare share = share_of_ranks();
+  model::GridRuns runs = model::run_grid(solver, grid, share);
   SolvedGrid solved;
   solved.failed = runs.failed;
   solved.solutions.snapshots = std::move(runs.snapshots);
   if (share.rank != 0) return solved;
   std::size_t resumed = 0;
-  for (const simulator::RunSummary& run : runs.runs) {
+  for (const model::RunSummary& run : runs.runs) {
     resumed += run.resumed ? 1 : 0;
     report_run(run, output);
   }
@@ -51,13 +51,13 @@ Options latin_options(const OfflineOptions& project) {
   return options;
 }
 
-GridSolutions solve_jointly(const OfflineOptions& options, const mechanics::BeamProblem& problem,
-                            const std::vector<reduction::Axis>& axes, const std::string& parts_folder,
+GridSolutions solve_jointly(const OfflineOptions& options, const BeamProblem& problem,
+                            const std::vector<model::Axis>& axes, const std::string& parts_folder,
                             const files::CommandOutput& output) {
-  mechanics::LatinModel latin = mechanics::solve_latin_grid(
-      problem, axes, latin_options<mechanics::LatinOptions>(options), parts_folder, options.latin_start);
-  const mechanics::LatinSolution& solution = latin.solution;
-  for (const mechanics::LatinIteration& it : solution.history)
+  LatinModel latin = solve_latin_grid(problem, axes, latin_options<LatinOptions>(options), parts_folder,
+                                      options.latin_start);
+  const LatinSolution& solution = latin.solution;
+  for (const LatinIteration& it : solution.history)
     output.record({{"first_step", it.first_step},
                    {"last_step", it.last_step},
                    {"round", it.round},
@@ -68,7 +68,7 @@ GridSolutions solve_jointly(const OfflineOptions& options, const mechanics::Beam
                    {"correction_m", it.correction},
                    {"indicator", it.indicator},
                    {"cpu_seconds", it.cpu_seconds}});
-  for (const auto& [point, windows] : mechanics::inaccurate_points(solution))
+  for (const auto& [point, windows] : inaccurate_points(solution))
     fmt::print(stderr,
                "knothe: warning: at parameters ({:g}) {} window(s) of steps were left before they were "
                "accurate; see "
@@ -80,14 +80,13 @@ GridSolutions solve_jointly(const OfflineOptions& options, const mechanics::Beam
   return std::move(latin.grid);
 }
 
-GridSolutions solve_separated(const OfflineOptions& options, const mechanics::BeamProblem& problem,
-                              const std::vector<reduction::Axis>& axes, const std::string& parts_folder,
+GridSolutions solve_separated(const OfflineOptions& options, const BeamProblem& problem,
+                              const std::vector<model::Axis>& axes, const std::string& parts_folder,
                               const files::CommandOutput& output) {
-  auto separated = latin_options<mechanics::SeparatedOptions>(options);
+  auto separated = latin_options<SeparatedOptions>(options);
   separated.max_terms = options.latin_terms;
-  mechanics::LatinModel latin =
-      mechanics::solve_separated_grid(problem, axes, separated, parts_folder, options.latin_start);
-  for (const mechanics::SeparatedIteration& it : latin.separated)
+  LatinModel latin = solve_separated_grid(problem, axes, separated, parts_folder, options.latin_start);
+  for (const SeparatedIteration& it : latin.separated)
     output.record({{"steps", it.steps},
                    {"round", it.round},
                    {"terms", it.terms},
@@ -100,7 +99,7 @@ GridSolutions solve_separated(const OfflineOptions& options, const mechanics::Be
                    {"cpu_seconds", it.cpu_seconds}});
   const auto terms = latin.grid.terms ? latin.grid.terms->time.cols() : 0;
   const double left = latin.separated.empty() ? 0.0 : 1e6 * latin.separated.back().correction;  // µm
-  if (!mechanics::inaccurate_points(latin.solution).empty())
+  if (!inaccurate_points(latin.solution).empty())
     fmt::print(stderr,
                "knothe: warning: with {} terms out-of-balance forces are left that are worth {:.3g} µm "
                "([offline.latin] accuracy asks for {:.3g} µm): {}\n",
@@ -119,10 +118,10 @@ GridSolutions solve_separated(const OfflineOptions& options, const mechanics::Be
 
 /// Largest error at `dofs` of splines through the uncompressed snapshots, m.
 double interpolation_error(const GridSolutions& solutions, const std::vector<std::size_t>& dofs,
-                           const std::vector<reduction::OffGridSolution>& off_grid) {
-  const reduction::ObservedModel model = reduction::observe_snapshots(solutions.at_dofs(dofs));
+                           const std::vector<model::OffGridSolution>& off_grid) {
+  const model::ObservedModel model = model::observe_snapshots(solutions.at_dofs(dofs));
   double largest = 0;
-  for (const reduction::OffGridSolution& solution : off_grid)
+  for (const model::OffGridSolution& solution : off_grid)
     largest =
         std::max(largest, largest_error(model, solution.parameters, [&](std::size_t step, std::size_t i) {
                    return solution.values[step * solutions.dof_count() + dofs[i]];
@@ -131,25 +130,24 @@ double interpolation_error(const GridSolutions& solutions, const std::vector<std
 }
 
 /// The next level of a sparse grid, whose runs stay; else the grid with nodes beside its weakest one.
-simulator::RunGrid finer(simulator::RunGrid grid, const reduction::Snapshots& snapshots,
-                         const std::vector<std::size_t>& dofs) {
+model::RunGrid finer(model::RunGrid grid, const model::Snapshots& snapshots,
+                     const std::vector<std::size_t>& dofs) {
   grid.axes = snapshots.axes;  // without the nodes whose runs have failed
-  if (grid.sparse_level >= 0 && grid.sparse_level < reduction::finest_level(grid.axes)) {
+  if (grid.sparse_level >= 0 && grid.sparse_level < model::finest_level(grid.axes)) {
     ++grid.sparse_level;
     return grid;
   }
-  const auto weak = reduction::weakest_node(snapshots, dofs);
+  const auto weak = model::weakest_node(snapshots, dofs);
   if (!weak)
     throw ProjectError("[offline.adaptive]: grid_error needs an axis of at least three nodes to begin with");
-  grid.axes = reduction::refined(grid.axes, *weak);
-  if (grid.sparse_level >= 0) grid.sparse_level = reduction::finest_level(grid.axes);
+  grid.axes = model::refined(grid.axes, *weak);
+  if (grid.sparse_level >= 0) grid.sparse_level = model::finest_level(grid.axes);
   return grid;
 }
 
 /// Removes the solutions at points that are not in the box of these axes.
-void remove_outside(const std::vector<reduction::Axis>& axes,
-                    std::vector<reduction::OffGridSolution>& solutions) {
-  std::erase_if(solutions, [&](const reduction::OffGridSolution& solution) {
+void remove_outside(const std::vector<model::Axis>& axes, std::vector<model::OffGridSolution>& solutions) {
+  std::erase_if(solutions, [&](const model::OffGridSolution& solution) {
     for (Index i = 0; i < std::ssize(axes); ++i)
       if (solution.parameters[i] < axes[i].nodes.front() || solution.parameters[i] > axes[i].nodes.back())
         return true;
@@ -159,7 +157,7 @@ void remove_outside(const std::vector<reduction::Axis>& axes,
 
 }  // namespace
 
-void report_run(const simulator::RunSummary& run, const files::CommandOutput& output) {
+void report_run(const model::RunSummary& run, const files::CommandOutput& output) {
   nlohmann::ordered_json line = {{"run", run.parameters}, {"resumed", run.resumed}};
   for (const auto& [name, value] : run.record.numbers) line[name] = value;
   const std::vector<int>& steps = run.record.steps_without_equilibrium;
@@ -180,23 +178,23 @@ GridSolutions solve_latin(const project::Project& project, const std::string& pa
       options, beam_problem(project), parameter_axes(project), parts_folder, output);
 }
 
-simulator::RunGrid run_grid_of(const project::Project& project, const std::string& parts_folder) {
+model::RunGrid run_grid_of(const project::Project& project, const std::string& parts_folder) {
   const OfflineOptions& options = *project.offline;
   return {.axes = parameter_axes(project),
           .parts_folder = parts_folder,
           .sparse_level = options.sparse_level.value_or(-1),
           .processes = options.processes,
-          .quiet = mechanics::share_of_ranks().rank != 0,
+          .quiet = share_of_ranks().rank != 0,
           .leave_out_failed = options.leave_out_failed};
 }
 
-SolvedGrid solve_project_grid(const project::Project& project, simulator::Simulator& solver,
+SolvedGrid solve_project_grid(const project::Project& project, model::Simulator& solver,
                               const std::string& parts_folder, const files::CommandOutput& output) {
   const OfflineOptions& options = *project.offline;
-  simulator::RunGrid grid = run_grid_of(project, parts_folder);
+  model::RunGrid grid = run_grid_of(project, parts_folder);
   // The off-grid runs judge an adaptive grid; without one they come last, when the grid's runs are safe.
-  std::vector<reduction::OffGridSolution> off_grid;
-  if (options.adaptive_grid_error) off_grid = solve_off_grid(solver, grid, mechanics::share_of_ranks());
+  std::vector<model::OffGridSolution> off_grid;
+  if (options.adaptive_grid_error) off_grid = solve_off_grid(solver, grid, share_of_ranks());
   while (true) {
     SolvedGrid solved = run_grid(solver, grid, output);
     if (!options.adaptive_grid_error) return solved;
@@ -209,7 +207,7 @@ SolvedGrid solve_project_grid(const project::Project& project, simulator::Simula
     fmt::print(stderr, "parameter grid of {} points: off the grid at most {:.3f} µm on the observed dofs\n",
                solutions.snapshots.grid_size(), 1e6 * error);
     if (error <= *options.adaptive_grid_error) return solved;
-    simulator::RunGrid next = finer(grid, solutions.snapshots, dofs);
+    model::RunGrid next = finer(grid, solutions.snapshots, dofs);
     if (const std::size_t runs = points_of(next).size();
         runs > static_cast<std::size_t>(options.adaptive_runs)) {
       fmt::print(stderr,
@@ -222,21 +220,21 @@ SolvedGrid solve_project_grid(const project::Project& project, simulator::Simula
   }
 }
 
-std::vector<std::vector<double>> off_grid_points(const std::vector<reduction::Axis>& axes) {
+std::vector<std::vector<double>> off_grid_points(const std::vector<model::Axis>& axes) {
   constexpr int k_points = 8;
   constexpr std::uint64_t k_seed = 271;  // not that of `model verify`, whose points must be new
   return points_in_box(axes, k_points, k_seed);
 }
 
-std::vector<reduction::OffGridSolution> solve_off_grid(simulator::Simulator& solver, simulator::RunGrid grid,
-                                                       const simulator::JobShare& share) {
+std::vector<model::OffGridSolution> solve_off_grid(model::Simulator& solver, model::RunGrid grid,
+                                                   const model::JobShare& share) {
   grid.label = "off-grid runs";
-  const simulator::PointRuns found = run_points(solver, grid, off_grid_points(grid.axes), share);
-  std::vector<reduction::Snapshots> solutions;
+  const model::PointRuns found = run_points(solver, grid, off_grid_points(grid.axes), share);
+  std::vector<model::Snapshots> solutions;
   for (Index i = 0; i < std::ssize(found.runs); ++i)
     if (!std::binary_search(found.failed.begin(), found.failed.end(), i))
-      solutions.push_back(simulator::read_run(found.runs[i]).solution);
-  return simulator::fields_of(std::move(solutions));
+      solutions.push_back(model::read_run(found.runs[i]).solution);
+  return model::fields_of(std::move(solutions));
 }
 
 }  // namespace knothe::offline

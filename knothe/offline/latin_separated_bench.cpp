@@ -14,25 +14,25 @@
 #include <map>
 #include <string>
 
-#include "knothe/assimilation/data/synthetic_measurements.hpp"
 #include "knothe/assimilation/update/posterior_shift.hpp"
-#include "knothe/mechanics/latin/latin_model.hpp"
-#include "knothe/reduction/observe/observed_model.hpp"
+#include "knothe/likelihood/data/synthetic_measurements.hpp"
+#include "knothe/model/observe/observed_model.hpp"
+#include "knothe/offline/latin/latin_model.hpp"
 
 namespace {
 
 using namespace knothe;
-using namespace knothe::mechanics;
+using namespace knothe::offline;
 
 struct SeparatedStudy {
   BeamProblem problem;
-  std::vector<reduction::Axis> axes;
+  std::vector<model::Axis> axes;
   LatinModel joint;
-  std::vector<reduction::OffGridSolution> fields;  ///< of the joint form at the grid points
-  std::vector<std::size_t> dofs;                   ///< observed
-  std::shared_ptr<const reduction::ObservedModel> judge;
-  assimilation::Measurements data;
-  std::vector<assimilation::Prior> priors;
+  std::vector<model::OffGridSolution> fields;  ///< of the joint form at the grid points
+  std::vector<std::size_t> dofs;               ///< observed
+  std::shared_ptr<const model::ObservedModel> judge;
+  likelihood::Measurements data;
+  std::vector<posterior::Prior> priors;
 };
 
 /// As examples/beam/quick.toml: 60 dofs, noise of 1 µm, truth (1, 1).
@@ -45,42 +45,41 @@ SeparatedStudy make_study(const BeamProblem& problem, int nodes, double accuracy
   LatinOptions options;
   options.accuracy = accuracy;
   study.joint = solve_latin_grid(problem, study.axes, options);
-  const reduction::GridSolutions& grid = study.joint.grid;
+  const model::GridSolutions& grid = study.joint.grid;
   for (std::size_t p = 0; p < grid.snapshots.grid_size(); ++p) {
     const Eigen::MatrixXd field = grid.field(p);
     study.fields.push_back({grid.snapshots.parameters_at(p), {field.data(), field.data() + field.size()}});
   }
-  assimilation::DofSelection selection;
+  likelihood::DofSelection selection;
   selection.x_range = {-0.12, 0.12};
-  study.dofs = assimilation::choose_dofs(grid.dofs(), selection, 1);
+  study.dofs = likelihood::choose_dofs(grid.dofs(), selection, 1);
   std::vector<double> points;
   std::vector<std::int64_t> components;
   for (const std::size_t dof : study.dofs) {
     points.insert(points.end(), &grid.dofs().points[3 * dof], &grid.dofs().points[3 * dof] + 3);
     components.push_back(grid.dofs().components[dof]);
   }
-  study.judge = std::make_shared<const reduction::ObservedModel>(
-      reduction::observe_snapshots(grid.at_dofs(study.dofs), {points, components}));
+  study.judge = std::make_shared<const model::ObservedModel>(
+      model::observe_snapshots(grid.at_dofs(study.dofs), {points, components}));
   const std::vector<double>& time = grid.snapshots.time;
   Eigen::MatrixXd exact(static_cast<Eigen::Index>(study.dofs.size()), static_cast<Eigen::Index>(time.size()));
   for (std::size_t t = 0; t < time.size(); ++t)
     exact.col(static_cast<Eigen::Index>(t)) = study.judge->predict(Eigen::Vector2d(1, 1), t);
-  study.data = assimilation::add_noise(grid.dofs(), study.dofs, time, exact, 1e-6, 1);
-  study.priors = {assimilation::Prior::normal(0.9, std::sqrt(0.2)),
-                  assimilation::Prior::normal(1.1, std::sqrt(0.2))};
+  study.data = likelihood::add_noise(grid.dofs(), study.dofs, time, exact, 1e-6, 1);
+  study.priors = {posterior::Prior::normal(0.9, std::sqrt(0.2)),
+                  posterior::Prior::normal(1.1, std::sqrt(0.2))};
   return study;
 }
 
 /// Error of u, of u − lift, largest (µm); shift of the mean at the worst and the last step, and of the std.
-void print_errors(const SeparatedStudy& study, const reduction::GridSolutions& solutions, std::size_t terms) {
-  reduction::CompressionOptions options;
-  options.form = reduction::Form::canonical;
+void print_errors(const SeparatedStudy& study, const model::GridSolutions& solutions, std::size_t terms) {
+  model::CompressionOptions options;
+  options.form = model::Form::canonical;
   options.modes = terms;
-  const reduction::ModelContents contents = reduction::compress(solutions, options);
-  const reduction::ModelError error = reduction::off_grid_error(contents, study.fields);
-  const reduction::SeparatedModel model(contents);
-  const auto observed =
-      std::make_shared<const reduction::ObservedModel>(reduction::observe_dofs(model, study.dofs));
+  const model::ModelContents contents = model::compress(solutions, options);
+  const model::ModelError error = model::off_grid_error(contents, study.fields);
+  const model::SeparatedModel model(contents);
+  const auto observed = std::make_shared<const model::ObservedModel>(model::observe_dofs(model, study.dofs));
   const assimilation::ShiftSummary shift = assimilation::summarise(assimilation::posterior_shift(
       observed, study.judge, study.data.values, study.data.noise, study.priors));
   std::printf(" %.1e | %.1e | %.2f | %.2f / %.2f | %.0f %% / %.0f %% |", error.relative,

@@ -62,16 +62,16 @@ Difference difference(const Run& run, const Run& finer) {
   return result;
 }
 
-Run compute(mechanics::BeamProblem problem, DamageRegularisation law, double element) {
+Run compute(BeamProblem problem, DamageRegularisation law, double element) {
   problem.beam.element = element;
   // One column of elements above the notch on every mesh: an even number of columns has more than one
   // solution.
   problem.beam.notch_width = element;
   problem.solver.regularisation.kind = law;
-  mechanics::FullOrderModel model = mechanics::make_full_order_model(problem);
+  FullOrderModel model = make_full_order_model(problem);
   Progress progress(fmt::format("{}, elements of {:g} mm", to_text(law), 1e3 * element),
                     problem.solver.steps);
-  const mechanics::FullOrderResult result =
+  const FullOrderResult result =
       model.run(problem.reference, [&](int step) { progress.advance_to(step + 1); });
   Run run;
   run.element = element;
@@ -168,7 +168,7 @@ void draw(const std::vector<MeshSeries>& studies, const std::string& path) {
 }  // namespace
 
 void study_meshes(const MeshStudyOptions& options, const files::CommandOutput& output) {
-  mechanics::BeamProblem problem = beam_problem(project::read_project(options.project));
+  BeamProblem problem = beam_problem(project::read_project(options.project));
   if (!problem.gmsh_file.empty())
     throw ProjectError(options.project +
                        ": a mesh study makes its own meshes of the beam: leave out [offline] mesh.gmsh");

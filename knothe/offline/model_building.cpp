@@ -10,59 +10,58 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
-#include "knothe/mechanics/distributed/ranks.hpp"
+#include "knothe/model/compress/quantity_scales.hpp"
+#include "knothe/model/observe/crack_modes.hpp"
 #include "knothe/offline/adaptive_runs.hpp"
+#include "knothe/offline/distributed/ranks.hpp"
 #include "knothe/offline/grid_solving.hpp"
 #include "knothe/offline/model_study.hpp"
 #include "knothe/offline/problem.hpp"
-#include "knothe/reduction/compress/quantity_scales.hpp"
-#include "knothe/reduction/observe/crack_modes.hpp"
 
 namespace knothe::offline {
 namespace {
 
 /// Crack solutions of the structured beam, for forecasts of its crack's length.
-reduction::CrackSolutions crack_solutions(const project::Project& project, const reduction::Dofs& dofs) {
+model::CrackSolutions crack_solutions(const project::Project& project, const model::Dofs& dofs) {
   const project::OfflineOptions& options = *project.offline;
   if (!options.is_beam()) return {};
-  const mechanics::BeamProblem problem = beam_problem(project);
+  const BeamProblem problem = beam_problem(project);
   // They belong to an imposed displacement, which along another output depends on the parameters.
   if (options.crack_lengths == 0 || !problem.gmsh_file.empty() || !options.time.output.empty()) return {};
-  const mechanics::CrackTable table = mechanics::crack_table(problem, {.count = options.crack_lengths}, dofs);
-  return reduction::crack_modes(table.lengths, table.values);
+  const CrackTable table = crack_table(problem, {.count = options.crack_lengths}, dofs);
+  return model::crack_modes(table.lengths, table.values);
 }
 
-reduction::ModelContents compressed(const project::Project& project,
-                                    const reduction::GridSolutions& solutions) {
+model::ModelContents compressed(const project::Project& project, const model::GridSolutions& solutions) {
   const project::OfflineOptions& options = *project.offline;
-  reduction::CompressionOptions compression;
+  model::CompressionOptions compression;
   compression.form = options.form;
   compression.modes = options.adaptive_error || options.adaptive_shift
                           ? choose_modes(project, solutions, compression.form)
                           : static_cast<std::size_t>(options.modes);
   compression.quiet = false;
-  reduction::ModelContents model = reduction::compress(solutions, compression);
+  model::ModelContents model = model::compress(solutions, compression);
   model.crack = crack_solutions(project, solutions.dofs());
   model.project = project.text;
   return model;
 }
 
-SolvedGrid solve(const project::Project& project, simulator::Simulator& solver, const std::string& parts,
+SolvedGrid solve(const project::Project& project, model::Simulator& solver, const std::string& parts,
                  const files::CommandOutput& output) {
   const project::OfflineOptions& options = *project.offline;
   if (options.method == project::OfflineMethod::latin) return {solve_latin(project, parts, output), {}, 0};
   if (options.adaptive_grid_shift) return solve_adaptive_grid(project, solver, parts, output);
   SolvedGrid solved = solve_project_grid(project, solver, parts, output);
   if (!solved.off_grid.empty()) return solved;
-  simulator::RunGrid grid = run_grid_of(project, parts);
+  model::RunGrid grid = run_grid_of(project, parts);
   grid.axes = solved.solutions.snapshots.axes;
-  solved.off_grid = solve_off_grid(solver, std::move(grid), mechanics::share_of_ranks());
+  solved.off_grid = solve_off_grid(solver, std::move(grid), share_of_ranks());
   return solved;
 }
 
 /// "I/N" → I, N.
-simulator::JobShare parse_share(const std::string& text) {
-  simulator::JobShare share;
+model::JobShare parse_share(const std::string& text) {
+  model::JobShare share;
   int end = 0;
   if (std::sscanf(text.c_str(), "%d/%d%n", &share.rank, &share.size, &end) != 2 || end != std::ssize(text) ||
       share.rank < 0 || share.rank >= share.size)
@@ -72,20 +71,20 @@ simulator::JobShare parse_share(const std::string& text) {
 }
 
 /// The runs of one share alone: which these are depends on the project only, not on what is there.
-void make_share(const project::Project& project, simulator::Simulator& solver, const BuildOptions& options,
+void make_share(const project::Project& project, model::Simulator& solver, const BuildOptions& options,
                 const std::string& parts, const files::CommandOutput& output) {
-  const simulator::JobShare share = parse_share(options.share);
+  const model::JobShare share = parse_share(options.share);
   if (project.offline->method == project::OfflineMethod::latin || project.offline->adaptive_grid_error ||
       project.offline->adaptive_grid_shift)
     throw UsageError(
         "--share: the runs must be known beforehand, those of a grid; LATIN-PGD, grid_error and grid_shift "
         "take MPI (mpirun, srun)");
-  simulator::RunGrid grid = run_grid_of(project, parts);
+  model::RunGrid grid = run_grid_of(project, parts);
   std::vector<std::vector<double>> points = points_of(grid), own;
   for (auto& point : off_grid_points(grid.axes)) points.push_back(std::move(point));
   for (std::size_t i = share.rank; i < points.size(); i += share.size) own.push_back(points[i]);
   std::size_t computed = 0;
-  if (!own.empty()) computed = simulator::run_points(solver, grid, own).computed.size();
+  if (!own.empty()) computed = model::run_points(solver, grid, own).computed.size();
   output.line({{"done", true}, {"share", options.share}, {"runs", own.size()}, {"computed", computed}},
               fmt::format("share {}: {} of {} runs ({} reused from an earlier call). After all shares, run "
                           "the same command without --share to make the model",
@@ -111,13 +110,13 @@ void remove_finished_runs(const std::string& parts) {
 
 void build(const BuildOptions& build, const files::CommandOutput& output) {
   project::Project project = project::read_project(build.project);
-  const std::vector<reduction::Axis> axes = parameter_axes(project);
+  const std::vector<model::Axis> axes = parameter_axes(project);
   project::OfflineOptions& options = *project.offline;
   options.method = from_text<project::OfflineMethod>(build.method).value_or(options.method);
   check_method(options);
   check_adaptive(project, axes);
   check_grid_shift(project, axes);
-  const bool is_first = mechanics::Ranks::of_this_job().rank == 0;
+  const bool is_first = Ranks::of_this_job().rank == 0;
   // LATIN has all points at once: the first rank's threads do it.
   if (options.method == project::OfflineMethod::latin && !is_first) return;
   const auto solver = project_simulator(project, axes);
@@ -126,18 +125,18 @@ void build(const BuildOptions& build, const files::CommandOutput& output) {
   auto [solutions, off_grid, failed] = solve(project, *solver, parts, output);
   // In an MPI job all ranks have computed runs and now hold the same snapshots; the first one goes on.
   if (!is_first) return;
-  reduction::ModelContents model = compressed(project, solutions);
+  model::ModelContents model = compressed(project, solutions);
   if (off_grid.empty()) off_grid = solve_off_grid(*solver, run_grid_of(project, parts));
   if (off_grid.empty()) {
     fmt::print(stderr,
                "knothe: warning: all runs off the grid failed: the model's error there is not known\n");
   } else {
-    const reduction::ModelError between = reduction::off_grid_error_in_scales(
+    const model::ModelError between = model::off_grid_error_in_scales(
         solutions.snapshots, model, off_grid.size(), [&](std::size_t i) { return off_grid[i]; });
     model.off_grid = {std::max(between.relative, between.plain_relative), between.max,
                       "full-order solutions"};
   }
-  reduction::write_model(model, reduction::truncation_error(model, solutions, off_grid), build.model);
+  model::write_model(model, model::truncation_error(model, solutions, off_grid), build.model);
   if (build.study) study_models(project, solutions, off_grid, output);
   if (failed == 0)
     remove_finished_runs(parts);
@@ -153,14 +152,14 @@ void build(const BuildOptions& build, const files::CommandOutput& output) {
                {"max_error_m", model.max_error_m}},
               fmt::format("{}: {} form, {}, error on the grid {:.2g} (relative), {}", build.model,
                           to_text(options.form), counted(model.parameter_modes, "mode"), model.relative_error,
-                          reduction::largest_error(model.max_error_m, model.quantities)));
+                          model::largest_error(model.max_error_m, model.quantities)));
 }
 
 }  // namespace
 
 void build_model(const BuildOptions& options, const files::CommandOutput& output) {
   build(options, output);
-  mechanics::Ranks::finish();
+  Ranks::finish();
 }
 
 }  // namespace knothe::offline

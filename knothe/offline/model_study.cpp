@@ -15,13 +15,13 @@ namespace knothe::offline {
 namespace {
 
 using Json = nlohmann::ordered_json;
-using reduction::Form;
-using reduction::ObservedModel;
+using model::Form;
+using model::ObservedModel;
 
 /// Those of `counts` that the solutions have modes for. Alternating least squares with more than 30 canonical
 /// modes would take minutes and change nothing in the picture.
 std::vector<std::size_t> possible_modes(std::initializer_list<std::size_t> counts,
-                                        const reduction::GridSolutions& solutions, Form form) {
+                                        const model::GridSolutions& solutions, Form form) {
   std::vector<std::size_t> modes;
   for (const std::size_t m : counts)
     if (m < solutions.snapshots.grid_size() && (m <= 30 || form == Form::tree)) modes.push_back(m);
@@ -29,9 +29,9 @@ std::vector<std::size_t> possible_modes(std::initializer_list<std::size_t> count
 }
 
 /// The uncompressed model at the observed dofs.
-std::shared_ptr<const ObservedModel> uncompressed(const reduction::GridSolutions& solutions,
+std::shared_ptr<const ObservedModel> uncompressed(const model::GridSolutions& solutions,
                                                   const SyntheticProblem& problem) {
-  return std::make_shared<const ObservedModel>(reduction::observe_snapshots(solutions.at_dofs(problem.dofs)));
+  return std::make_shared<const ObservedModel>(model::observe_snapshots(solutions.at_dofs(problem.dofs)));
 }
 
 /// Judges by data that `model` predicts at `truth`.
@@ -44,15 +44,15 @@ PosteriorJudge judge_at(const std::shared_ptr<const ObservedModel>& model, const
 }
 
 assimilation::ShiftSummary shift_of(const PosteriorJudge& judge, const SyntheticProblem& problem,
-                                    const reduction::SeparatedModel& model) {
-  return judge.shift(std::make_shared<const ObservedModel>(reduction::observe_dofs(model, problem.dofs)),
+                                    const model::SeparatedModel& model) {
+  return judge.shift(std::make_shared<const ObservedModel>(model::observe_dofs(model, problem.dofs)),
                      judge.data.noise);
 }
 
 /// Largest |u − û| at `dofs`, whose solutions are `seen`, over the grid and all steps, m.
-double largest_grid_error(const reduction::SeparatedModel& model, const reduction::Snapshots& seen,
+double largest_grid_error(const model::SeparatedModel& model, const model::Snapshots& seen,
                           std::span<const std::size_t> dofs) {
-  const ObservedModel observed = reduction::observe_dofs(model, dofs);
+  const ObservedModel observed = model::observe_dofs(model, dofs);
   double largest = 0;
   for (std::size_t point = 0; point < seen.grid_size(); ++point)
     largest = std::max(
@@ -69,11 +69,11 @@ constexpr const char* k_table_head =
     "                        on the grid                  off the grid\n"
     "  form       modes   error   of u-lift  max µm   of u-lift  max µm   shift of mean   std wrong by";
 
-void print_line(Form form, const reduction::CompressionRow& row,
+void print_line(Form form, const model::CompressionRow& row,
                 const std::optional<assimilation::ShiftSummary>& shift, const files::CommandOutput& output) {
-  const reduction::ModelError& e = row.training;
+  const model::ModelError& e = row.training;
   Json record = {
-      {"form", reduction::to_text(form)}, {"modes", row.parameter_modes}, {"space_modes", row.space_modes}};
+      {"form", model::to_text(form)}, {"modes", row.parameter_modes}, {"space_modes", row.space_modes}};
   record.update(error_record(e));
   std::string off_grid = "      –        –", moved = "        –              –";
   if (row.off_grid) {
@@ -88,21 +88,21 @@ void print_line(Form form, const reduction::CompressionRow& row,
                         100 * last.std);
   }
   output.line(record,
-              fmt::format("  {:<10} {:5}  {:.1e}  {:.1e}  {:7.3f}    {}  {}", reduction::to_text(form),
+              fmt::format("  {:<10} {:5}  {:.1e}  {:.1e}  {:7.3f}    {}  {}", model::to_text(form),
                           row.parameter_modes, e.relative, e.relative_to_lift, e.max * 1e6, off_grid, moved));
 }
 
 }  // namespace
 
-Json error_record(const reduction::ModelError& error) {
+Json error_record(const model::ModelError& error) {
   return {{"relative_error", error.relative},
           {"relative_error_without_lift", error.relative_to_lift},
           {"max_error_m", error.max}};
 }
 
-void check_adaptive(const project::Project& project, const std::vector<reduction::Axis>& axes) {
+void check_adaptive(const project::Project& project, const std::vector<model::Axis>& axes) {
   if (!project.offline->adaptive_shift) return;
-  const auto has_prior = [&](const reduction::Axis& axis) {
+  const auto has_prior = [&](const model::Axis& axis) {
     return std::any_of(project.parameters.begin(), project.parameters.end(),
                        [&](const project::NamedPrior& parameter) { return parameter.name == axis.name; });
   };
@@ -112,8 +112,7 @@ void check_adaptive(const project::Project& project, const std::vector<reduction
                   "asks for them");
 }
 
-std::size_t choose_modes(const project::Project& project, const reduction::GridSolutions& solutions,
-                         Form form) {
+std::size_t choose_modes(const project::Project& project, const model::GridSolutions& solutions, Form form) {
   const project::OfflineOptions& options = *project.offline;
   const bool by_shift = options.adaptive_shift.has_value();
   const std::vector<std::size_t> candidates =
@@ -133,13 +132,13 @@ std::size_t choose_modes(const project::Project& project, const reduction::GridS
   }
   const std::vector<std::size_t> dofs =
       checked_dofs(project, solutions.dofs(), solutions.snapshots.quantities);
-  const reduction::Snapshots seen = by_shift ? reduction::Snapshots() : solutions.at_dofs(dofs);
-  reduction::CompressionOptions compression;
+  const model::Snapshots seen = by_shift ? model::Snapshots() : solutions.at_dofs(dofs);
+  model::CompressionOptions compression;
   compression.form = form;
   double reached = 0;
   const double wanted = *(by_shift ? options.adaptive_shift : options.adaptive_error);
-  for (reduction::StudiedModel& studied : reduction::compression_study(solutions, compression, candidates)) {
-    const reduction::SeparatedModel model(std::move(studied.model));
+  for (model::StudiedModel& studied : model::compression_study(solutions, compression, candidates)) {
+    const model::SeparatedModel model(std::move(studied.model));
     reached = by_shift ? 0 : largest_grid_error(model, seen, dofs);
     for (const PosteriorJudge& judge : judges)
       reached = std::max(reached, shift_of(judge, *problem, model).worst_mean.mean);
@@ -156,9 +155,8 @@ std::size_t choose_modes(const project::Project& project, const reduction::GridS
                   wanted, by_shift ? "std" : "m"));
 }
 
-void study_models(const project::Project& project, const reduction::GridSolutions& solutions,
-                  const std::vector<reduction::OffGridSolution>& off_grid,
-                  const files::CommandOutput& output) {
+void study_models(const project::Project& project, const model::GridSolutions& solutions,
+                  const std::vector<model::OffGridSolution>& off_grid, const files::CommandOutput& output) {
   // With many grid points the uncompressed judge (a function per grid point) and alternating least squares
   // would take longer than the model.
   const bool many = solutions.snapshots.axes.size() > 3 || solutions.snapshots.grid_size() > 600;
@@ -173,12 +171,12 @@ void study_models(const project::Project& project, const reduction::GridSolution
     output.text("  (dofs without a place: instead of µm, millionths of how a quantity varies)");
   for (const Form form : {Form::canonical, Form::tree}) {
     if (many && form == Form::canonical) continue;
-    reduction::CompressionOptions options;
+    model::CompressionOptions options;
     options.form = form;
-    for (reduction::StudiedModel& studied : reduction::compression_study(
+    for (model::StudiedModel& studied : model::compression_study(
              solutions, options, possible_modes({3, 6, 10, 20, 30, 50}, solutions, form), off_grid)) {
       std::optional<assimilation::ShiftSummary> shift;
-      if (judge) shift = shift_of(*judge, *problem, reduction::SeparatedModel(std::move(studied.model)));
+      if (judge) shift = shift_of(*judge, *problem, model::SeparatedModel(std::move(studied.model)));
       print_line(form, studied.row, shift, output);
     }
   }

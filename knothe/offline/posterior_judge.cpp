@@ -8,23 +8,23 @@ namespace knothe::offline {
 namespace {
 
 /// What [simulate] measures; nothing where there is no such table, or where it draws pictures.
-project::MeasuredQuantities simulated_dofs(const project::Project& project, const reduction::Dofs& dofs,
-                                           const std::vector<reduction::Quantity>& quantities) {
+project::MeasuredQuantities simulated_dofs(const project::Project& project, const model::Dofs& dofs,
+                                           const std::vector<model::Quantity>& quantities) {
   if (!project.simulate) return {};
   if (!quantities.empty()) return project::measured_quantities(project, quantities);
-  const auto chosen = assimilation::choose_dofs(dofs, project.simulate->dofs, project.simulate->seed);
+  const auto chosen = likelihood::choose_dofs(dofs, project.simulate->dofs, project.simulate->seed);
   return {chosen, std::vector<double>(chosen.size(), project.simulate->noise_std)};
 }
 
 }  // namespace
 
 std::optional<SyntheticProblem> synthetic_problem(const project::Project& project,
-                                                  const std::vector<reduction::Axis>& axes,
-                                                  const reduction::Dofs& dofs,
-                                                  const std::vector<reduction::Quantity>& quantities) {
+                                                  const std::vector<model::Axis>& axes,
+                                                  const model::Dofs& dofs,
+                                                  const std::vector<model::Quantity>& quantities) {
   if (!project.simulate || project.parameters.size() != axes.size()) return std::nullopt;
   SyntheticProblem problem;
-  for (const reduction::Axis& axis : axes) {
+  for (const model::Axis& axis : axes) {
     for (const project::NamedPrior& parameter : project.parameters)
       if (parameter.name == axis.name) problem.priors.push_back(parameter.prior);
     problem.names.push_back(axis.name);
@@ -40,22 +40,22 @@ std::optional<SyntheticProblem> synthetic_problem(const project::Project& projec
   return problem;
 }
 
-std::vector<std::size_t> checked_dofs(const project::Project& project, const reduction::Dofs& dofs,
-                                      const std::vector<reduction::Quantity>& quantities) {
+std::vector<std::size_t> checked_dofs(const project::Project& project, const model::Dofs& dofs,
+                                      const std::vector<model::Quantity>& quantities) {
   if (auto chosen = simulated_dofs(project, dofs, quantities); !chosen.dofs.empty()) return chosen.dofs;
   std::vector<std::size_t> all(dofs.empty() ? quantities.size() : dofs.components.size());
   std::iota(all.begin(), all.end(), std::size_t{0});
   return all;
 }
 
-PosteriorJudge::PosteriorJudge(std::shared_ptr<const reduction::ObservedModel> judge,
+PosteriorJudge::PosteriorJudge(std::shared_ptr<const model::ObservedModel> judge,
                                const SyntheticProblem& problem, const Eigen::MatrixXd& exact)
     : model(std::move(judge)),
       priors(problem.priors),
-      data(assimilation::add_noise(model->time, exact, problem.noise_std, problem.seed)) {}
+      data(likelihood::add_noise(model->time, exact, problem.noise_std, problem.seed)) {}
 
-assimilation::ShiftSummary PosteriorJudge::shift(std::shared_ptr<const reduction::ObservedModel> observed,
-                                                 const assimilation::NoiseModel& noise) const {
+assimilation::ShiftSummary PosteriorJudge::shift(std::shared_ptr<const model::ObservedModel> observed,
+                                                 const likelihood::NoiseModel& noise) const {
   return assimilation::summarise(
       assimilation::posterior_shift(std::move(observed), model, data.values, noise, priors));
 }

@@ -5,51 +5,50 @@
 #include <string>
 #include <vector>
 
-#include "knothe/assimilation/data/synthetic_measurements.hpp"
 #include "knothe/assimilation/update/posterior_shift.hpp"
 #include "knothe/base/index.hpp"
+#include "knothe/likelihood/data/synthetic_measurements.hpp"
+#include "knothe/model/observe/observed_model.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/reduction/observe/observed_model.hpp"
 
 namespace knothe::offline {
 
 /// What a project's [parameters] and [simulate] say of an assimilation, for a model with these axes and dofs.
 struct SyntheticProblem {
   std::vector<std::string> names;  ///< of the axes, in their order
-  std::vector<assimilation::Prior> priors;
+  std::vector<posterior::Prior> priors;
   std::vector<std::size_t> dofs;  ///< observed
-  reduction::Dofs places;         ///< of them; empty where the dofs have names instead
+  model::Dofs places;             ///< of them; empty where the dofs have names instead
   Eigen::VectorXd noise_std;      ///< [n_obs], in the field's unit
   std::uint64_t seed = 1;
 };
 /// Nothing where the project has no [simulate] that chooses dofs (it may draw pictures), or no prior for one
 /// of the axes.
 [[nodiscard]] std::optional<SyntheticProblem> synthetic_problem(
-    const project::Project& project, const std::vector<reduction::Axis>& axes, const reduction::Dofs& dofs,
-    const std::vector<reduction::Quantity>& quantities);
+    const project::Project& project, const std::vector<model::Axis>& axes, const model::Dofs& dofs,
+    const std::vector<model::Quantity>& quantities);
 /// The observed dofs of [simulate]; all where it chooses none.
-[[nodiscard]] std::vector<std::size_t> checked_dofs(const project::Project& project,
-                                                    const reduction::Dofs& dofs,
-                                                    const std::vector<reduction::Quantity>& quantities);
+[[nodiscard]] std::vector<std::size_t> checked_dofs(const project::Project& project, const model::Dofs& dofs,
+                                                    const std::vector<model::Quantity>& quantities);
 
 /// Noisy data, and the model that is right about them.
 struct PosteriorJudge {
-  std::shared_ptr<const reduction::ObservedModel> model;
-  std::vector<assimilation::Prior> priors;
-  assimilation::Measurements data;
+  std::shared_ptr<const model::ObservedModel> model;
+  std::vector<posterior::Prior> priors;
+  likelihood::Measurements data;
 
   /// `exact`: values n_obs × n_t to which the project's noise is added.
-  PosteriorJudge(std::shared_ptr<const reduction::ObservedModel> judge, const SyntheticProblem& problem,
+  PosteriorJudge(std::shared_ptr<const model::ObservedModel> judge, const SyntheticProblem& problem,
                  const Eigen::MatrixXd& exact);
   /// How far the posterior of the data lies from the judge's where `observed` is assimilated instead, with
   /// the measurements' noise or another.
-  [[nodiscard]] assimilation::ShiftSummary shift(std::shared_ptr<const reduction::ObservedModel> observed,
-                                                 const assimilation::NoiseModel& noise) const;
+  [[nodiscard]] assimilation::ShiftSummary shift(std::shared_ptr<const model::ObservedModel> observed,
+                                                 const likelihood::NoiseModel& noise) const;
 };
 
 /// Largest |y(p) − u| of the observed model over all steps, m; `u(step, i)` at its i-th observation.
 template <typename Solution>
-[[nodiscard]] double largest_error(const reduction::ObservedModel& model, const std::vector<double>& p,
+[[nodiscard]] double largest_error(const model::ObservedModel& model, const std::vector<double>& p,
                                    Solution&& u) {
   const Eigen::VectorXd point = Eigen::Map<const Eigen::VectorXd>(p.data(), std::ssize(p));
   double largest = 0;

@@ -4,19 +4,19 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/index.hpp"
+#include "knothe/model/simulator/command_simulator.hpp"
+#include "knothe/model/simulator/resampled_simulator.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
 #include "knothe/offline/umbridge_simulator.hpp"
-#include "knothe/simulator/command_simulator.hpp"
-#include "knothe/simulator/resampled_simulator.hpp"
 
 namespace knothe::offline {
 
-mechanics::BeamProblem beam_problem(const project::Project& project) {
+BeamProblem beam_problem(const project::Project& project) {
   project.require(project.offline.has_value(), "a table [offline]");
   const project::OfflineOptions& options = *project.offline;
   if (!options.is_beam())
     throw ProjectError("this is for the built-in beam, and the project has another solver");
-  mechanics::BeamProblem problem;
+  BeamProblem problem;
   problem.beam.element = options.element;
   problem.beam.layers = options.layers;
   problem.beam.left_support = options.left_support;
@@ -31,7 +31,7 @@ mechanics::BeamProblem beam_problem(const project::Project& project) {
     if (parameter.name == "Y0") problem.reference.threshold = parameter.reference;
     if (parameter.name == "Ad") problem.reference.brittleness = parameter.reference;
     if (parameter.name == "Gf")
-      problem.reference.brittleness = mechanics::brittleness_of(parameter.reference, options.reference_size);
+      problem.reference.brittleness = brittleness_of(parameter.reference, options.reference_size);
     if (parameter.name == "E") problem.elastic.young_modulus = parameter.reference;
     if (parameter.name == "support_stiffness") problem.beam.support_stiffness = parameter.reference;
   }
@@ -41,8 +41,8 @@ mechanics::BeamProblem beam_problem(const project::Project& project) {
 namespace {
 
 /// The axis of a parameter of another program.
-reduction::Axis own_axis(const project::OfflineParameter& p) {
-  reduction::Axis axis;
+model::Axis own_axis(const project::OfflineParameter& p) {
+  model::Axis axis;
   axis.name = p.name;
   axis.reference = p.reference;
   axis.units = p.units.empty() || p.reference != 1 ? "1" : p.units;
@@ -56,13 +56,13 @@ reduction::Axis own_axis(const project::OfflineParameter& p) {
 
 }  // namespace
 
-std::vector<reduction::Axis> parameter_axes(const project::Project& project) {
+std::vector<model::Axis> parameter_axes(const project::Project& project) {
   project.require(project.offline.has_value(), "a table [offline]");
-  std::vector<reduction::Axis> axes;
+  std::vector<model::Axis> axes;
   for (const project::OfflineParameter& p : project.offline->parameters)
     axes.push_back(!project.offline->is_beam()
                        ? own_axis(p)
-                       : mechanics::parameter_axis(p.name, p.reference, p.lower, p.upper, p.nodes));
+                       : parameter_axis(p.name, p.reference, p.lower, p.upper, p.nodes));
   return axes;
 }
 
@@ -73,7 +73,7 @@ std::vector<std::string> parameter_names(const project::Project& project) {
   return names;
 }
 
-std::vector<std::vector<double>> points_in_box(const std::vector<reduction::Axis>& axes, int count,
+std::vector<std::vector<double>> points_in_box(const std::vector<model::Axis>& axes, int count,
                                                std::uint64_t seed) {
   const Eigen::MatrixXd unit = numerics::sobol_points(count, std::ssize(axes), seed);
   std::vector<std::vector<double>> points(count);
@@ -88,24 +88,24 @@ std::vector<std::vector<double>> points_in_box(const std::vector<reduction::Axis
 namespace {
 
 /// The solver itself, at its own times.
-std::unique_ptr<simulator::Simulator> own_simulator(const project::Project& project,
-                                                    std::vector<reduction::Axis> axes) {
+std::unique_ptr<model::Simulator> own_simulator(const project::Project& project,
+                                                std::vector<model::Axis> axes) {
   if (project.offline->command)
-    return std::make_unique<simulator::CommandSimulator>(*project.offline->command, std::move(axes));
+    return std::make_unique<model::CommandSimulator>(*project.offline->command, std::move(axes));
   if (project.offline->umbridge)
     return std::make_unique<UmbridgeSimulator>(*project.offline->umbridge, std::move(axes));
-  return std::make_unique<mechanics::BeamSimulator>(beam_problem(project), std::move(axes));
+  return std::make_unique<BeamSimulator>(beam_problem(project), std::move(axes));
 }
 
 }  // namespace
 
-std::unique_ptr<simulator::Simulator> project_simulator(const project::Project& project,
-                                                        std::vector<reduction::Axis> axes) {
+std::unique_ptr<model::Simulator> project_simulator(const project::Project& project,
+                                                    std::vector<model::Axis> axes) {
   project.require(project.offline.has_value(), "a table [offline]");
-  std::unique_ptr<simulator::Simulator> solver = own_simulator(project, std::move(axes));
-  const simulator::TimeAxis& time = project.offline->time;
+  std::unique_ptr<model::Simulator> solver = own_simulator(project, std::move(axes));
+  const model::TimeAxis& time = project.offline->time;
   if (time.output.empty()) return solver;
-  return std::make_unique<simulator::ResampledSimulator>(std::move(solver), time);
+  return std::make_unique<model::ResampledSimulator>(std::move(solver), time);
 }
 
 }  // namespace knothe::offline

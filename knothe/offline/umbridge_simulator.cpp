@@ -6,27 +6,27 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/index.hpp"
-#include "knothe/simulator/result_file.hpp"
+#include "knothe/model/simulator/result_file.hpp"
 
 namespace knothe::offline {
 namespace {
 
-inference::UmbridgeSettings settings_of(const project::UmbridgeSource& source,
-                                        const std::vector<reduction::Axis>& axes) {
-  inference::UmbridgeSettings settings;
+model::UmbridgeSettings settings_of(const project::UmbridgeSource& source,
+                                    const std::vector<model::Axis>& axes) {
+  model::UmbridgeSettings settings;
   settings.url = source.url;
   settings.name = source.name;
   settings.config = source.config;
   settings.timeout = source.timeout;
   settings.derivatives = 0;
   settings.table = "[offline.umbridge]";
-  for (const reduction::Axis& axis : axes) settings.parameters.push_back(axis.name);
+  for (const model::Axis& axis : axes) settings.parameters.push_back(axis.name);
   return settings;
 }
 
 }  // namespace
 
-UmbridgeSimulator::UmbridgeSimulator(project::UmbridgeSource source, std::vector<reduction::Axis> axes)
+UmbridgeSimulator::UmbridgeSimulator(project::UmbridgeSource source, std::vector<model::Axis> axes)
     : source_(std::move(source)), axes_(std::move(axes)), model_(settings_of(source_, axes_)) {
   const std::size_t times = source_.times.size(), names = source_.names.size();
   if (model_.dimension() != std::ssize(axes_))
@@ -46,11 +46,11 @@ std::string UmbridgeSimulator::key(std::span<const double> parameters) const {
   return text;
 }
 
-reduction::Snapshots UmbridgeSimulator::solve(std::span<const double> parameters) {
+model::Snapshots UmbridgeSimulator::solve(std::span<const double> parameters) {
   Eigen::MatrixXd point(std::ssize(axes_), 1), values(model_.output_count(), 1);
   for (Index i = 0; i < std::ssize(axes_); ++i) point(i, 0) = parameters[i] * axes_[i].reference;
   model_.evaluate(point, values);
-  reduction::Snapshots solution;
+  model::Snapshots solution;
   solution.axes = axes_;
   for (Index i = 0; i < std::ssize(axes_); ++i) solution.axes[i].nodes = {parameters[i]};
   solution.field = {"1", "quantities, each in its own unit"};
@@ -59,7 +59,7 @@ reduction::Snapshots UmbridgeSimulator::solve(std::span<const double> parameters
   for (Index k = 0; k < std::ssize(source_.names); ++k)
     solution.quantities.push_back(
         {source_.names[k], k < std::ssize(source_.units) ? source_.units[k] : std::string("1")});
-  simulator::settle_units(solution, source_.url);
+  model::settle_units(solution, source_.url);
   return solution;
 }
 

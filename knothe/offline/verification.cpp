@@ -10,12 +10,12 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/index.hpp"
 #include "knothe/base/progress.hpp"
+#include "knothe/model/compress/quantity_scales.hpp"
+#include "knothe/model/reduced/truncation_error.hpp"
 #include "knothe/offline/model_study.hpp"
 #include "knothe/offline/posterior_judge.hpp"
 #include "knothe/offline/problem.hpp"
 #include "knothe/project/update_setup.hpp"
-#include "knothe/reduction/compress/quantity_scales.hpp"
-#include "knothe/reduction/model/truncation_error.hpp"
 
 namespace knothe::offline {
 namespace {
@@ -54,21 +54,19 @@ struct Shifts {
 /// with the error e = u − û at the truth added wherever its parameters are.
 class ErrorJudge {
  public:
-  ErrorJudge(const SyntheticProblem& problem, const reduction::ModelContents& contents,
-             const std::string& where)
+  ErrorJudge(const SyntheticProblem& problem, const model::ModelContents& contents, const std::string& where)
       : problem_(problem), model_(contents, where) {
-    const reduction::TruncationError truncation = reduction::read_truncation_error(where);
+    const model::TruncationError truncation = model::read_truncation_error(where);
     if (truncation.count > 0 && !problem.places.empty())
-      added_ = reduction::observe_truncation(truncation, contents, where, reduction::Sensors(problem.places),
-                                             {}, contents.time);
-    observed_ =
-        std::make_shared<const reduction::ObservedModel>(reduction::observe_dofs(model_, problem.dofs));
+      added_ = model::observe_truncation(truncation, contents, where, model::Sensors(problem.places), {},
+                                         contents.time);
+    observed_ = std::make_shared<const model::ObservedModel>(model::observe_dofs(model_, problem.dofs));
   }
 
-  [[nodiscard]] Shifts shifts(const reduction::OffGridSolution& solution) const {
+  [[nodiscard]] Shifts shifts(const model::OffGridSolution& solution) const {
     const auto d = std::ssize(solution.parameters);
     const Eigen::VectorXd p = Eigen::Map<const Eigen::VectorXd>(solution.parameters.data(), d);
-    auto right = std::make_shared<reduction::ObservedModel>(*observed_);
+    auto right = std::make_shared<model::ObservedModel>(*observed_);
     const std::size_t n_dof = model_.dof_count();
     Eigen::MatrixXd exact(observed_->observations(), observed_->lift.cols());
     for (Index t = 0; t < exact.cols(); ++t) {
@@ -83,15 +81,15 @@ class ErrorJudge {
 
  private:
   const SyntheticProblem problem_;
-  reduction::SeparatedModel model_;
-  std::optional<reduction::ObservedTruncation> added_;
-  std::shared_ptr<const reduction::ObservedModel> observed_;
+  model::SeparatedModel model_;
+  std::optional<model::ObservedTruncation> added_;
+  std::shared_ptr<const model::ObservedModel> observed_;
 };
 
 constexpr double k_confidence = 0.95;
 
 /// All points together, and what they tell of the box.
-void print_summary(const VerifyOptions& options, const reduction::ModelError& all, const std::string& largest,
+void print_summary(const VerifyOptions& options, const model::ModelError& all, const std::string& largest,
                    const std::optional<Shifts>& worst, const files::CommandOutput& output) {
   // The largest of N independent draws is exceeded with probability ≤ 1 − share by a new one, with confidence
   // 0.95.
@@ -116,8 +114,8 @@ void print_summary(const VerifyOptions& options, const reduction::ModelError& al
   output.line(line, text);
 }
 
-void require_same_model(const VerifyOptions& options, const reduction::ModelContents& model,
-                        const reduction::Snapshots& solution) {
+void require_same_model(const VerifyOptions& options, const model::ModelContents& model,
+                        const model::Snapshots& solution) {
   if (solution.dof_count() == model.dof_count() && solution.time.size() == model.time.size()) return;
   throw DataError(fmt::format(
       "{}: the model has {} dofs and {} steps, the project's full-order model {} and {}: verify a "
@@ -129,23 +127,23 @@ void require_same_model(const VerifyOptions& options, const reduction::ModelCont
 
 void verify_model(const VerifyOptions& options, const files::CommandOutput& output) {
   const project::Project project = project::read_project(options.project);
-  const reduction::ModelContents model = reduction::read_model(options.model);
+  const model::ModelContents model = model::read_model(options.model);
   const auto full_order = project_simulator(project, model.axes);
   std::optional<ErrorJudge> judge;
   if (const auto synthetic = synthetic_problem(project, model.axes, model.dofs, model.quantities))
     judge.emplace(*synthetic, model, options.model);
   // Quantities of several units: errors are relative to how each varies.
-  const reduction::QuantityScales scales{reduction::SeparatedModel(model, options.model)};
-  const reduction::ModelContents scaled_model = scales.scaled(model);
-  std::vector<reduction::OffGridSolution> solutions;
+  const model::QuantityScales scales{model::SeparatedModel(model, options.model)};
+  const model::ModelContents scaled_model = scales.scaled(model);
+  std::vector<model::OffGridSolution> solutions;
   std::optional<Shifts> worst;
   Progress progress("full-order runs", options.points, output.json());
   for (const std::vector<double>& point : points_in_box(model.axes, options.points, options.seed)) {
-    reduction::Snapshots solution = full_order->solve(point);
+    model::Snapshots solution = full_order->solve(point);
     require_same_model(options, model, solution);
     solutions.push_back({point, std::move(solution.values)});
-    const reduction::ModelError error =
-        reduction::off_grid_error(scaled_model, scales.scaled({&solutions.back(), 1}));
+    const model::ModelError error =
+        model::off_grid_error(scaled_model, scales.scaled({&solutions.back(), 1}));
     Json line = {{"point", point}};
     line.update(error_record(error));
     std::string text;
@@ -162,11 +160,11 @@ void verify_model(const VerifyOptions& options, const files::CommandOutput& outp
     }
     output.line(line, fmt::format("  ({:.4f})  error {:.2e}, of u − lift {:.2e}, {}{}",
                                   fmt::join(point, ", "), error.relative, error.relative_to_lift,
-                                  reduction::largest_error(error.max, model.quantities), text));
+                                  model::largest_error(error.max, model.quantities), text));
     progress.advance_to(solutions.size());
   }
-  const reduction::ModelError all = reduction::off_grid_error(scaled_model, scales.scaled(solutions));
-  print_summary(options, all, reduction::largest_error(all.max, model.quantities), worst, output);
+  const model::ModelError all = model::off_grid_error(scaled_model, scales.scaled(solutions));
+  print_summary(options, all, model::largest_error(all.max, model.quantities), worst, output);
 }
 
 }  // namespace knothe::offline

@@ -10,7 +10,7 @@
 namespace knothe::project {
 namespace {
 
-using assimilation::Prior;
+using posterior::Prior;
 
 struct SensorOptions {
   enum class Kind { strain, opening, combination } kind = Kind::strain;
@@ -88,8 +88,8 @@ std::array<double, 3> point_of(Values& values, const std::vector<double>& point,
   return {};
 }
 
-reduction::ScalarObservation combination(Values& values, const SensorOptions& o, const std::string& path) {
-  reduction::ScalarObservation sensor;
+model::ScalarObservation combination(Values& values, const SensorOptions& o, const std::string& path) {
+  model::ScalarObservation sensor;
   const std::size_t components = values.get<std::vector<std::string>>(path + ".components").size();
   if (o.points.empty() || components != o.points.size() || o.coefficients.size() != o.points.size()) {
     values.complain(path, fmt::format("[{}]: a combination needs as many \"points\" as \"components\" and "
@@ -107,17 +107,16 @@ reduction::ScalarObservation combination(Values& values, const SensorOptions& o,
   return sensor;
 }
 
-reduction::ScalarObservation read_sensor(Values& values, const std::string& name) {
+model::ScalarObservation read_sensor(Values& values, const std::string& name) {
   const std::string path = "data.sensors." + name;
   const SensorOptions o = sensor_section().read(values, name);
-  reduction::ScalarObservation sensor;
+  model::ScalarObservation sensor;
   if (o.kind == SensorOptions::Kind::combination) {
     sensor = combination(values, o, path);
   } else {
     const auto from = point_of(values, o.from, path, "from"), to = point_of(values, o.to, path, "to");
     try {
-      sensor =
-          reduction::ScalarObservation::elongation(name, from, to, o.kind == SensorOptions::Kind::strain);
+      sensor = model::ScalarObservation::elongation(name, from, to, o.kind == SensorOptions::Kind::strain);
     } catch (const UsageError& error) {
       values.complain(path, fmt::format("[{}]: {}", path, error.what()));
     }
@@ -177,8 +176,8 @@ std::vector<Option> data_option_table() {
       parameter_section());
 }
 
-std::vector<reduction::ScalarObservation> read_sensors(Values& values) {
-  std::vector<reduction::ScalarObservation> sensors;
+std::vector<model::ScalarObservation> read_sensors(Values& values) {
+  std::vector<model::ScalarObservation> sensors;
   for (const std::string& name : values.children_of("data.sensors"))
     sensors.push_back(read_sensor(values, name));
   return sensors;

@@ -7,7 +7,7 @@
 namespace knothe::project {
 
 /// The sensors [data.sensors.NAME]; complains of what they lack.
-[[nodiscard]] std::vector<reduction::ScalarObservation> read_sensors(Values& values);
+[[nodiscard]] std::vector<model::ScalarObservation> read_sensors(Values& values);
 
 /// The table [parameters], into the project; complains of keys that a prior lacks or does not take.
 void read_parameters(Values& values, Project& project);

@@ -6,13 +6,13 @@
 #include <cmath>
 #include <filesystem>
 
-#include "knothe/assimilation/update/posterior_functions.hpp"
-#include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/text.hpp"
+#include "knothe/likelihood/step/posterior_functions.hpp"
+#include "knothe/likelihood/step/prior_of_model.hpp"
+#include "knothe/model/simulator/command_simulator.hpp"
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
 #include "knothe/project/simulation.hpp"
 #include "knothe/project/update_setup.hpp"
-#include "knothe/simulator/command_simulator.hpp"
 
 namespace knothe::project {
 namespace {
@@ -28,9 +28,9 @@ struct PriorAnswers {
 };
 
 PriorAnswers answers_of(const UpdateSetup& setup) {
-  const reduction::ObservedModel& model = *setup.problem.model;
-  const auto transform = assimilation::truncated_to_box(model, setup.problem.priors);
-  const auto w = assimilation::prior_functions(*model.functions, *transform);
+  const model::ObservedModel& model = *setup.problem.model;
+  const auto transform = likelihood::truncated_to_box(model, setup.problem.priors);
+  const auto w = likelihood::prior_functions(*model.functions, *transform);
   const Eigen::VectorXd std = setup.measurements.noise.measurement().standard_deviations();
   PriorAnswers answers;
   answers.mean.resize(model.observations(), std::ssize(setup.time_indices));
@@ -51,7 +51,7 @@ PriorAnswers answers_of(const UpdateSetup& setup) {
 
 /// Of a component, or of a scalar series: the data's largest value beside the model's.
 void compare_magnitudes(const UpdateSetup& setup, const PriorAnswers& answers, FileCheck& check) {
-  const reduction::Sensors& sensors = setup.measurements.sensors;
+  const model::Sensors& sensors = setup.measurements.sensors;
   const auto compare = [&](const std::string& what, const std::vector<Index>& rows) {
     double measured = 0, expected = 0;
     for (const Index i : rows) {
@@ -99,16 +99,16 @@ void check_sensitivity(const UpdateSetup& setup, const PriorAnswers& answers, Fi
 /// What the runs of another program need: its files, and a place for each parameter.
 void check_command(const Project& project) {
   if (!project.offline || !project.offline->command) return;
-  std::vector<reduction::Axis> axes;
+  std::vector<model::Axis> axes;
   for (const OfflineParameter& p : project.offline->parameters)
     axes.push_back({p.name, {p.lower, p.upper}, p.units, p.long_name, p.reference});
-  (void)simulator::CommandSimulator(*project.offline->command, std::move(axes));
+  (void)model::CommandSimulator(*project.offline->command, std::move(axes));
 }
 
 /// What [simulate] measures, where the model that says what there is to measure has been made.
 void check_simulation(const Project& project) {
   if (!project.simulate || project.simulate->noise.empty() || !std::filesystem::exists(project.model)) return;
-  (void)measured_quantities(project, reduction::SeparatedModel::load(project.model).contents().quantities);
+  (void)measured_quantities(project, model::SeparatedModel::load(project.model).contents().quantities);
 }
 
 }  // namespace

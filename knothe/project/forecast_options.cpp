@@ -7,7 +7,7 @@
 namespace knothe::project {
 namespace {
 
-using F = forecast::ForecastSpecification;
+using F = assimilation::ForecastSpecification;
 
 const Section<F>& forecast_section() {
   static const Section<F> k_section("forecast.*", "A forecast of that name.", [](Section<F>& s) {

@@ -7,11 +7,11 @@
 namespace knothe::project {
 namespace {
 
-using Quantity = forecast::ForecastSpecification::Quantity;
+using Quantity = assimilation::ForecastSpecification::Quantity;
 
 /// The row of the data that measures the quantity.
-std::optional<Eigen::Index> row_of(const forecast::ForecastSpecification& f, const UpdateSetup& setup) {
-  const reduction::Sensors& sensors = setup.measurements.sensors;
+std::optional<Eigen::Index> row_of(const assimilation::ForecastSpecification& f, const UpdateSetup& setup) {
+  const model::Sensors& sensors = setup.measurements.sensors;
   const auto displacements = static_cast<Eigen::Index>(sensors.displacement_count());
   if (f.quantity == Quantity::output) {
     const auto found = std::find(sensors.scalars.begin(), sensors.scalars.end(), f.output);
@@ -39,11 +39,11 @@ std::optional<std::size_t> time_of(double horizon, const UpdateSetup& setup) {
 
 }  // namespace
 
-forecast::ForecastScores forecasts_to_score(const Project& project, const UpdateSetup& setup) {
-  forecast::ForecastScores scores;
+assimilation::ForecastScores forecasts_to_score(const Project& project, const UpdateSetup& setup) {
+  assimilation::ForecastScores scores;
   if (setup.pictures) return scores;
   const Eigen::VectorXd std = setup.measurements.noise.measurement().standard_deviations();
-  for (const forecast::ForecastSpecification& f : project.forecasts) {
+  for (const assimilation::ForecastSpecification& f : project.forecasts) {
     const auto row = row_of(f, setup);
     const auto time_index = time_of(f.horizon, setup);
     if (!row || !time_index || !(std[*row] > 0)) continue;

@@ -3,14 +3,14 @@
 #include <string>
 #include <vector>
 
-#include "knothe/inference/umbridge_model.hpp"
+#include "knothe/model/forward/umbridge_model.hpp"
 
 namespace knothe::project {
 
 struct Values;
 
 /// A model behind a UM-Bridge server ([model] umbridge); without a `url` the model is a separated one.
-struct UmbridgeOptions : inference::UmbridgeSettings {
+struct UmbridgeOptions : model::UmbridgeSettings {
   double difference_step = 1e-4;  ///< in units of the prior's scale
 };
 

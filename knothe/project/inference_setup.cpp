@@ -2,18 +2,18 @@
 
 #include <fmt/format.h>
 
-#include "knothe/assimilation/data/measurements.hpp"
-#include "knothe/assimilation/update/prior_of_model.hpp"
-#include "knothe/inference/separated_forward_model.hpp"
-#include "knothe/inference/umbridge_model.hpp"
+#include "knothe/likelihood/data/measurements.hpp"
+#include "knothe/likelihood/step/prior_of_model.hpp"
+#include "knothe/model/forward/separated_forward_model.hpp"
+#include "knothe/model/forward/umbridge_model.hpp"
 #include "knothe/project/observed_data.hpp"
 #include "knothe/project/update_setup.hpp"
 
 namespace knothe::project {
 namespace {
 
-using assimilation::GaussianNoise;
-using inference::Observations;
+using assimilation::Observations;
+using likelihood::GaussianNoise;
 
 Observations observations_of(const ObservationOptions& o) {
   const auto n = std::ssize(o.values);
@@ -36,11 +36,11 @@ void set_up_server(const Project& project, InferenceSetup& setup) {
     throw project.error_at("observations",
                            "\"dofs\", \"steps\" and \"output\" choose from a separated model; all outputs of "
                            "a UM-Bridge model are observed, in their order");
-  inference::UmbridgeSettings settings = o;
+  model::UmbridgeSettings settings = o;
   settings.parameters = setup.parameters;
-  std::unique_ptr<inference::UmbridgeModel> model;
+  std::unique_ptr<model::UmbridgeModel> model;
   try {
-    model = std::make_unique<inference::UmbridgeModel>(settings);
+    model = std::make_unique<model::UmbridgeModel>(settings);
   } catch (const UsageError& error) {  // the address
     throw project.error_at("model.umbridge", error.what());
   }
@@ -59,7 +59,7 @@ void set_up_server(const Project& project, InferenceSetup& setup) {
 }
 
 /// The values of [observations], of dofs or of an output at time steps.
-void set_up_chosen(const Project& project, const reduction::SeparatedModel& model, InferenceSetup& setup) {
+void set_up_chosen(const Project& project, const model::SeparatedModel& model, InferenceSetup& setup) {
   const ObservationOptions& o = *project.observations;
   if (o.steps.empty())
     throw project.error_at("observations",
@@ -70,10 +70,10 @@ void set_up_chosen(const Project& project, const reduction::SeparatedModel& mode
         "[observations] of a separated model needs \"dofs\" or \"output\": what was observed");
   try {
     if (!o.output.empty())
-      setup.model = std::make_unique<inference::SeparatedOutputModel>(model, o.output, o.steps);
+      setup.model = std::make_unique<model::SeparatedOutputModel>(model, o.output, o.steps);
     else
-      setup.model = std::make_unique<inference::SeparatedForwardModel>(reduction::observe_dofs(model, o.dofs),
-                                                                       o.steps, model.where());
+      setup.model = std::make_unique<model::SeparatedForwardModel>(model::observe_dofs(model, o.dofs),
+                                                                   o.steps, model.where());
   } catch (const UsageError& error) {
     const std::string text = error.what();
     throw project.error_at(text.find("step") != std::string::npos ? "observations.steps"
@@ -84,16 +84,16 @@ void set_up_chosen(const Project& project, const reduction::SeparatedModel& mode
 }
 
 /// All values of a data file, displacements and series, step after step.
-void set_up_recorded(const Project& project, const reduction::SeparatedModel& model, InferenceSetup& setup) {
+void set_up_recorded(const Project& project, const model::SeparatedModel& model, InferenceSetup& setup) {
   if (!project.clock.empty())
     throw project.error_at("data.clock", "data.clock: `knothe assimilate` takes such data, infer does not");
-  assimilation::Measurements recorded = assimilation::read_measurements(project.data);
+  likelihood::Measurements recorded = likelihood::read_measurements(project.data);
   Project inferred = project;  // what is known is in the model
   for (const KnownParameter& known : project.known) recorded.series.erase(known.name);
   inferred.known.clear();
   const ObservedData all = observe_data(inferred, model, setup.priors, std::move(recorded), project.data);
-  const assimilation::Measurements& data = all.measurements;
-  if (!data.noise.measurement().is_independent() || assimilation::links_steps(data.noise))
+  const likelihood::Measurements& data = all.measurements;
+  if (!data.noise.measurement().is_independent() || likelihood::links_steps(data.noise))
     throw DataError(project.data +
                     ": the noise is correlated; `knothe assimilate` takes such data, infer does not");
   if (!data.values.allFinite())
@@ -102,7 +102,7 @@ void set_up_recorded(const Project& project, const reduction::SeparatedModel& mo
   if (data.values.size() == 0)
     throw DataError(project.data + ": nothing is measured of what the model predicts: no value with a std");
   setup.model =
-      std::make_unique<inference::SeparatedForwardModel>(*all.observed, all.time_indices, model.where());
+      std::make_unique<model::SeparatedForwardModel>(*all.observed, all.time_indices, model.where());
   setup.observations =
       Observations{data.values.reshaped(),
                    GaussianNoise::independent(
@@ -110,9 +110,9 @@ void set_up_recorded(const Project& project, const reduction::SeparatedModel& mo
 }
 
 void set_up_separated(const Project& project, InferenceSetup& setup) {
-  const reduction::SeparatedModel model = load_model(project);
+  const model::SeparatedModel model = load_model(project);
   setup.axes = model.contents().axes;
-  setup.priors = assimilation::truncated_to_box(model.contents().axes, std::move(setup.priors));
+  setup.priors = likelihood::truncated_to_box(model.contents().axes, std::move(setup.priors));
   if (project.observations)
     set_up_chosen(project, model, setup);
   else
@@ -150,8 +150,8 @@ InferenceSetup set_up_inference(const Project& project) {
   return setup;
 }
 
-inference::InferenceOptions inference_options(const Project& project, inference::Method method) {
-  inference::InferenceOptions options;
+assimilation::InferenceOptions inference_options(const Project& project, posterior::Method method) {
+  assimilation::InferenceOptions options;
   options.method = method;
   options.map = project.method.update.map;
   options.map.seed = project.method.seed;

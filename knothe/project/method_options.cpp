@@ -2,16 +2,16 @@
 
 #include <tuple>
 
+#include "knothe/posterior/map/solve/solver_names.hpp"
 #include "knothe/project/option_section.hpp"
-#include "knothe/transport/solve/solver_names.hpp"
 
 namespace knothe::project {
 namespace {
 
 using M = MethodOptions;
 using U = assimilation::UpdateOptions;
-using Map = transport::MapSolverOptions;
-using Bias = assimilation::BiasOptions;
+using Map = posterior::MapSolverOptions;
+using Bias = likelihood::BiasOptions;
 
 void add_noise_options(Section<M>& s) {
   s.choice("likelihood", &M::student_t, "gaussian", "student-t",
@@ -62,7 +62,7 @@ void add_change_options(Section<M>& s) {
 }
 
 void add_bias_options(Section<M>& s) {
-  using assimilation::Extrapolation;
+  using likelihood::Extrapolation;
   using Way = std::tuple<Bias::Way, Extrapolation>;
   static constexpr auto k_ways =
       std::to_array<Named<Way>>({{{Bias::Way::joint, Extrapolation::polynomial}, "joint"},

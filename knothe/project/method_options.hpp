@@ -3,9 +3,9 @@
 #include <array>
 #include <cstdint>
 
-#include "knothe/assimilation/update/method.hpp"
 #include "knothe/assimilation/update/update_options.hpp"
 #include "knothe/base/enum_names.hpp"
+#include "knothe/posterior/method.hpp"
 
 namespace knothe::project {
 
@@ -20,10 +20,10 @@ constexpr auto names_of(ModelVerification /*verification*/) {
 }
 
 struct MethodOptions {
-  assimilation::Method kind = assimilation::Method::automatic;
+  posterior::Method kind = posterior::Method::automatic;
   /// Form, map, bias, changes; `update_options` adds what stands below.
   assimilation::UpdateOptions update;
-  transport::ModeSearchLevel mode_search = transport::ModeSearchLevel::tempered;  ///< of `knothe infer`
+  posterior::ModeSearchLevel mode_search = posterior::ModeSearchLevel::tempered;  ///< of `knothe infer`
   bool student_t = false;                                                         ///< else Gaussian
   double degrees_of_freedom = 4;
   double gate = 0;

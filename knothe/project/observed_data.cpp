@@ -6,28 +6,28 @@
 #include <cmath>
 #include <numeric>
 
-#include "knothe/assimilation/data/clock.hpp"
-#include "knothe/assimilation/data/time_matching.hpp"
-#include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/files/units.hpp"
-#include "knothe/reduction/model/known_parameter.hpp"
-#include "knothe/reduction/model/time_interpolation.hpp"
-#include "knothe/reduction/observe/scalar_observations.hpp"
+#include "knothe/likelihood/data/clock.hpp"
+#include "knothe/likelihood/data/time_matching.hpp"
+#include "knothe/likelihood/step/prior_of_model.hpp"
+#include "knothe/model/observe/scalar_observations.hpp"
+#include "knothe/model/reduced/known_parameter.hpp"
+#include "knothe/model/reduced/time_interpolation.hpp"
 
 namespace knothe::project {
 namespace {
 
-using assimilation::MeasuredSeries;
+using likelihood::MeasuredSeries;
 
 /// What a series is measured of: a sensor of the project, else an output of the model.
-reduction::ScalarObservation sensor_of(const Project& project, const reduction::SeparatedModel& model,
-                                       const std::string& name, const std::string& source) {
-  for (const reduction::SnapshotOutput& output : model.contents().outputs)
+model::ScalarObservation sensor_of(const Project& project, const model::SeparatedModel& model,
+                                   const std::string& name, const std::string& source) {
+  for (const model::SnapshotOutput& output : model.contents().outputs)
     if (output.name == name) return {name, name, {}, {}, {}, output.labels.units};
   std::vector<std::string> known = model.output_names();
-  for (const reduction::ScalarObservation& sensor : project.sensors) {
+  for (const model::ScalarObservation& sensor : project.sensors) {
     if (sensor.name == name) return sensor;
     known.push_back(sensor.name);
   }
@@ -38,8 +38,7 @@ reduction::ScalarObservation sensor_of(const Project& project, const reduction::
 
 /// Puts a series into the unit of its sensor, which it has if it says none. A force is no displacement:
 /// DataError.
-void settle_units(const reduction::ScalarObservation& sensor, const std::string& source,
-                  MeasuredSeries& series) {
+void settle_units(const model::ScalarObservation& sensor, const std::string& source, MeasuredSeries& series) {
   const auto measured = files::unit_of(series.units), modelled = files::unit_of(sensor.units);
   if (measured && modelled) {
     if (measured->si != modelled->si)
@@ -58,7 +57,7 @@ void settle_units(const reduction::ScalarObservation& sensor, const std::string&
 }
 
 /// The noise with the errors that observed series have at all times.
-assimilation::NoiseModel with_shared_errors(const assimilation::Measurements& m) {
+likelihood::NoiseModel with_shared_errors(const likelihood::Measurements& m) {
   const std::vector<std::string>& names = m.sensors.scalars;
   const Eigen::Index displacements = m.values.rows() - std::ssize(names);
   std::vector<Eigen::MatrixXd> factors(m.time.size(), Eigen::MatrixXd(m.values.rows(), 0));
@@ -76,23 +75,23 @@ assimilation::NoiseModel with_shared_errors(const assimilation::Measurements& m)
 }
 
 /// Rows for the series that are observed.
-void add_series(const Project& project, const reduction::SeparatedModel& model, const std::string& source,
+void add_series(const Project& project, const model::SeparatedModel& model, const std::string& source,
                 ObservedData& data) {
-  assimilation::Measurements& m = data.measurements;
-  for (const reduction::ScalarObservation& sensor : project.sensors) {
+  likelihood::Measurements& m = data.measurements;
+  for (const model::ScalarObservation& sensor : project.sensors) {
     if (!m.series.contains(sensor.name)) {
       throw project.error_at(
           "data.sensors." + sensor.name,
           fmt::format("{} has no series \"{}\": the values of this sensor", source, sensor.name));
     }
   }
-  std::vector<reduction::ScalarObservation> sensors;
+  std::vector<model::ScalarObservation> sensors;
   std::vector<double> std;
   for (auto& [name, series] : m.series) {
     const bool is_known = std::any_of(project.known.begin(), project.known.end(),
                                       [&](const KnownParameter& known) { return known.name == name; });
     if (name == project.clock || is_known) continue;
-    const reduction::ScalarObservation sensor = sensor_of(project, model, name, source);
+    const model::ScalarObservation sensor = sensor_of(project, model, name, source);
     settle_units(sensor, source, series);
     if (!series.std) {
       data.unused.push_back(name);
@@ -111,22 +110,22 @@ void add_series(const Project& project, const reduction::SeparatedModel& model, 
   }
   m.noise = m.noise.with_scalars(Eigen::Map<const Eigen::VectorXd>(std.data(), count));
   m.noise = with_shared_errors(m);
-  data.observed = std::make_shared<const reduction::ObservedModel>(
-      reduction::with_scalars(*data.observed, model, sensors));
+  data.observed =
+      std::make_shared<const model::ObservedModel>(model::with_scalars(*data.observed, model, sensors));
 }
 
 /// A model at the times of the data, and what its errors per step come from: rates of change by something
 /// that was measured, with the standard deviation of that measurement.
 struct Placed {
-  reduction::ObservedModel model;
+  model::ObservedModel model;
   struct Error {
-    reduction::ObservedModel rate;
+    model::ObservedModel rate;
     std::vector<double> std;  ///< per datum
   };
   std::vector<Error> errors;
 };
 
-const MeasuredSeries& series_of(const assimilation::Measurements& m, const std::string& name,
+const MeasuredSeries& series_of(const likelihood::Measurements& m, const std::string& name,
                                 const std::string& wanted_by, const std::string& source) {
   const auto series = m.series.find(name);
   if (series != m.series.end()) return series->second;
@@ -136,20 +135,19 @@ const MeasuredSeries& series_of(const assimilation::Measurements& m, const std::
                   source, wanted_by, name, name));
 }
 
-Placed place_by_clock(const Project& project, const reduction::SeparatedModel& model,
-                      const std::string& source, const assimilation::Measurements& m,
-                      const reduction::ObservedModel& whole) {
+Placed place_by_clock(const Project& project, const model::SeparatedModel& model, const std::string& source,
+                      const likelihood::Measurements& m, const model::ObservedModel& whole) {
   const MeasuredSeries& series =
       series_of(m, project.clock, fmt::format("data.clock = \"{}\"", project.clock), source);
-  const assimilation::ClockReading clock = assimilation::read_clock(model, project.clock, series, source);
-  Placed placed{reduction::at_times(whole, clock.time), {}};
-  if (series.std) placed.errors.push_back({reduction::rates_at_times(whole, clock.time), clock.std});
+  const likelihood::ClockReading clock = likelihood::read_clock(model, project.clock, series, source);
+  Placed placed{model::at_times(whole, clock.time), {}};
+  if (series.std) placed.errors.push_back({model::rates_at_times(whole, clock.time), clock.std});
   return placed;
 }
 
 /// Takes the last of the parameters as known. `axes`: those that the model still has.
-void give_last(const std::string& name, std::span<const reduction::Axis> axes,
-               const assimilation::Measurements& m, const std::string& source, Placed& placed) {
+void give_last(const std::string& name, std::span<const model::Axis> axes, const likelihood::Measurements& m,
+               const std::string& source, Placed& placed) {
   const MeasuredSeries& series = series_of(m, name, fmt::format("the parameter {} is known", name), source);
   const std::vector<double>& nodes = axes.back().nodes;
   for (std::size_t i = 0; i < series.values.size(); ++i) {
@@ -165,49 +163,49 @@ void give_last(const std::string& name, std::span<const reduction::Axis> axes,
     }
   }
   if (series.std) {
-    placed.errors.push_back({reduction::with_last_given(placed.model, axes, series.values, 1),
+    placed.errors.push_back({model::with_last_given(placed.model, axes, series.values, 1),
                              std::vector<double>(series.values.size(), *series.std)});
   }
   const std::size_t others = placed.errors.size() - (series.std ? 1 : 0);
   for (std::size_t k = 0; k < others; ++k)
-    placed.errors[k].rate = reduction::with_last_given(placed.errors[k].rate, axes, series.values);
-  placed.model = reduction::with_last_given(placed.model, axes, series.values);
+    placed.errors[k].rate = model::with_last_given(placed.errors[k].rate, axes, series.values);
+  placed.model = model::with_last_given(placed.model, axes, series.values);
 }
 
 /// The model at the times of the data, with what is known given.
-void place(const Project& project, const reduction::SeparatedModel& model,
-           const std::vector<assimilation::Prior>& priors, const std::string& source, ObservedData& data) {
-  assimilation::Measurements& m = data.measurements;
+void place(const Project& project, const model::SeparatedModel& model,
+           const std::vector<posterior::Prior>& priors, const std::string& source, ObservedData& data) {
+  likelihood::Measurements& m = data.measurements;
   Placed placed = project.clock.empty()
-                      ? Placed{reduction::at_steps(*data.observed, assimilation::match_times(
-                                                                       m.time, data.observed->time, source)),
+                      ? Placed{model::at_steps(*data.observed,
+                                               likelihood::match_times(m.time, data.observed->time, source)),
                                {}}
                       : place_by_clock(project, model, source, m, *data.observed);
-  std::span<const reduction::Axis> axes = model.contents().axes;
+  std::span<const model::Axis> axes = model.contents().axes;
   for (std::size_t k = project.known.size(); k-- > 0; axes = axes.first(axes.size() - 1)) {
     give_last(project.known[k].name, axes, m, source, placed);
     data.known.insert(data.known.begin(), m.series.at(project.known[k].name).values.back());
   }
-  const auto transform = assimilation::truncated_to_box(placed.model, priors);
+  const auto transform = likelihood::truncated_to_box(placed.model, priors);
   for (const Placed::Error& error : placed.errors)
-    m.noise = assimilation::with_clock_error(m.noise, error.rate, *transform, error.std);
+    m.noise = likelihood::with_clock_error(m.noise, error.rate, *transform, error.std);
   data.time_indices.resize(placed.model.time.size());
   std::iota(data.time_indices.begin(), data.time_indices.end(), std::size_t{0});
-  data.observed = std::make_shared<const reduction::ObservedModel>(std::move(placed.model));
+  data.observed = std::make_shared<const model::ObservedModel>(std::move(placed.model));
 }
 
 }  // namespace
 
-ObservedData observe_data(const Project& project, const reduction::SeparatedModel& model,
-                          const std::vector<assimilation::Prior>& priors,
-                          assimilation::Measurements measurements, const std::string& source) {
+ObservedData observe_data(const Project& project, const model::SeparatedModel& model,
+                          const std::vector<posterior::Prior>& priors, likelihood::Measurements measurements,
+                          const std::string& source) {
   ObservedData data;
   data.measurements = std::move(measurements);
-  const assimilation::Measurements& m = data.measurements;
-  data.observed = std::make_shared<const reduction::ObservedModel>(reduction::observe(model, m.sensors));
+  const likelihood::Measurements& m = data.measurements;
+  data.observed = std::make_shared<const model::ObservedModel>(model::observe(model, m.sensors));
   add_series(project, model, source, data);
   if (project.clock.empty() && project.known.empty()) {
-    data.time_indices = assimilation::match_times(m.time, data.observed->time, source);
+    data.time_indices = likelihood::match_times(m.time, data.observed->time, source);
   } else {
     place(project, model, priors, source, data);
   }

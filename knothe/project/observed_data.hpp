@@ -4,17 +4,17 @@
 #include <string>
 #include <vector>
 
-#include "knothe/assimilation/data/measurements.hpp"
+#include "knothe/likelihood/data/measurements.hpp"
+#include "knothe/model/observe/observed_model.hpp"
+#include "knothe/model/reduced/separated_model.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/reduction/model/separated_model.hpp"
-#include "knothe/reduction/observe/observed_model.hpp"
 
 namespace knothe::project {
 
 struct ObservedData {
   /// Values and noise have a row per sensor: a displacement, or one of the scalars behind them.
-  assimilation::Measurements measurements;
-  std::shared_ptr<const reduction::ObservedModel> observed;
+  likelihood::Measurements measurements;
+  std::shared_ptr<const model::ObservedModel> observed;
   std::vector<std::size_t> time_indices;  ///< of the observed model, per measured time
   std::vector<double> known;              ///< last value of each known parameter, in the project's order
   std::vector<std::string> unused;        ///< series of the file that nothing was made of: they have no std
@@ -26,8 +26,8 @@ struct ObservedData {
 /// and the observed model is one of the others; errors of theirs are in the noise too. The model's
 /// parameters: those of `priors` in order, then the known ones. `source`: what messages call the data.
 /// Errors: DataError, ProjectError.
-[[nodiscard]] ObservedData observe_data(const Project& project, const reduction::SeparatedModel& model,
-                                        const std::vector<assimilation::Prior>& priors,
-                                        assimilation::Measurements measurements, const std::string& source);
+[[nodiscard]] ObservedData observe_data(const Project& project, const model::SeparatedModel& model,
+                                        const std::vector<posterior::Prior>& priors,
+                                        likelihood::Measurements measurements, const std::string& source);
 
 }  // namespace knothe::project

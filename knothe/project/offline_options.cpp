@@ -50,10 +50,10 @@ void add_body_options(Section<O>& s) {
         positive);
   s.add("damage.internal_length", &O::internal_length,
         "Gradient: length over which strain is averaged, m; at least two elements.", positive);
-  s.add("time", in(&O::time, &simulator::TimeAxis::output),
+  s.add("time", in(&O::time, &model::TimeAxis::output),
         "Output of the solver that replaces time, e.g. `\"crack_mouth_opening\"`: it must grow in every run, "
         "which is then resampled at `time_values` (docs/explanation/mechanics.md).");
-  s.add("time_values", in(&O::time, &simulator::TimeAxis::values),
+  s.add("time_values", in(&O::time, &model::TimeAxis::values),
         "Values of that output that are the model's times, increasing, in its unit (SI).");
   s.add("steps", &O::steps, "Number of load steps.", at_least(1));
   s.add("displacement", &O::displacement, "Final imposed displacement, m.", positive);
@@ -100,9 +100,9 @@ void add_reduction_options(Section<O>& s) {
         check([](double v) { return v <= 80; }, "the ligament is 80 mm high: at most 80 lengths"));
 }
 
-const Section<simulator::CommandOptions>& command_section() {
-  using C = simulator::CommandOptions;
-  using R = simulator::ResultOptions;
+const Section<model::CommandOptions>& command_section() {
+  using C = model::CommandOptions;
+  using R = model::ResultOptions;
   static const Section<C> k_section(
       "offline.command",
       "Another program as full-order model, instead of the beam (docs/tutorials/own-solver.md).",
@@ -278,7 +278,7 @@ void check_failed_runs(Values& values, const OfflineOptions& o) {
         "[offline] failed_runs = \"leave-out\" needs method = \"snapshots\": LATIN-PGD has no runs");
 }
 
-void check_time(Values& values, const simulator::TimeAxis& time) {
+void check_time(Values& values, const model::TimeAxis& time) {
   if (time.output.empty() != time.values.empty())
     values.complain(time.output.empty() ? "offline.time_values" : "offline.time",
                     "[offline] \"time\" and \"time_values\" go together: an output, and its values that are "
@@ -294,7 +294,7 @@ void check_latin(Values& values, const OfflineOptions& o) {
   const auto refuse = [&](bool when, const char* key, const char* text) {
     if (when) values.complain(std::string("offline.") + key, text);
   };
-  refuse(o.latin_full && o.form != reduction::Form::canonical, "latin.separation",
+  refuse(o.latin_full && o.form != model::Form::canonical, "latin.separation",
          "separation = \"full\" finds the solution in the canonical form: it needs form = \"canonical\" in "
          "[offline]; for the tree form leave it away");
   if (o.method != OfflineMethod::latin) return;

@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "knothe/base/enum_names.hpp"
-#include "knothe/reduction/model/form_names.hpp"
-#include "knothe/simulator/command_simulator.hpp"
-#include "knothe/simulator/resampled_simulator.hpp"
+#include "knothe/model/reduced/form_names.hpp"
+#include "knothe/model/simulator/command_simulator.hpp"
+#include "knothe/model/simulator/resampled_simulator.hpp"
 
 namespace knothe::project {
 
@@ -82,8 +82,8 @@ struct UmbridgeSource {
 };
 
 struct OfflineOptions {
-  std::optional<simulator::CommandOptions> command;  ///< another program instead of the built-in beam
-  std::optional<UmbridgeSource> umbridge;            ///< or a server
+  std::optional<model::CommandOptions> command;  ///< another program instead of the built-in beam
+  std::optional<UmbridgeSource> umbridge;        ///< or a server
   [[nodiscard]] bool is_beam() const { return !command && !umbridge; }
   OfflineMethod method = OfflineMethod::snapshots;
   std::optional<double> latin_accuracy;  ///< m; else 1e-7, fully separated 1e-6
@@ -103,10 +103,10 @@ struct OfflineOptions {
   double young_modulus = 30e9;
   double poisson_ratio = 0.23;
   LeftSupport left_support = LeftSupport::support_line;
-  simulator::TimeAxis time;  ///< no output: the solver's own times
+  model::TimeAxis time;  ///< no output: the solver's own times
   int processes = 2;
   bool leave_out_failed = false;  ///< runs that fail; else they are an error
-  reduction::Form form = reduction::Form::tree;
+  model::Form form = model::Form::tree;
   int modes = 30;
   std::optional<int> sparse_level;            ///< else the whole tensor grid
   std::optional<double> adaptive_error;       ///< m; else `modes` as given

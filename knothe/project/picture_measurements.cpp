@@ -42,7 +42,7 @@ double signed_area(const imaging::ImageMesh& mesh, const std::array<int, 4>& nod
 
 }  // namespace
 
-imaging::PictureFrame picture_frame_of(const Project& project, const std::optional<reduction::Mesh>& mesh) {
+imaging::PictureFrame picture_frame_of(const Project& project, const std::optional<model::Mesh>& mesh) {
   const PictureOptions& p = project.pictures;
   if (!p.frame)
     throw project.error_at("dic",
@@ -52,7 +52,7 @@ imaging::PictureFrame picture_frame_of(const Project& project, const std::option
 }
 
 imaging::PictureFrame with_plane(imaging::PictureFrame frame, const Project& project,
-                                 const std::optional<reduction::Mesh>& mesh) {
+                                 const std::optional<model::Mesh>& mesh) {
   if (project.pictures.plane || !mesh) return frame;
   const std::size_t axis = across(frame.view);
   const bool largest = frame.view == imaging::View::side;
@@ -62,7 +62,7 @@ imaging::PictureFrame with_plane(imaging::PictureFrame frame, const Project& pro
   return frame;
 }
 
-imaging::ImageMesh surface_mesh(const reduction::Mesh& mesh, const imaging::PictureFrame& frame,
+imaging::ImageMesh surface_mesh(const model::Mesh& mesh, const imaging::PictureFrame& frame,
                                 const Project& project) {
   const std::size_t axis = across(frame.view);
   imaging::ImageMesh face;
@@ -100,8 +100,7 @@ imaging::ImageMesh surface_mesh(const reduction::Mesh& mesh, const imaging::Pict
 
 namespace {
 /// The mesh that the project names, if it names one.
-std::optional<imaging::ImageMesh> mesh_of(const Project& project,
-                                          const std::optional<reduction::Mesh>& mesh) {
+std::optional<imaging::ImageMesh> mesh_of(const Project& project, const std::optional<model::Mesh>& mesh) {
   const PictureOptions& p = project.pictures;
   if (!p.mesh_file.empty()) {
     std::optional<imaging::PictureFrame> frame;
@@ -114,14 +113,14 @@ std::optional<imaging::ImageMesh> mesh_of(const Project& project,
 }
 }  // namespace
 
-imaging::SeriesOptions series_options(const Project& project, const std::optional<reduction::Mesh>& mesh) {
+imaging::SeriesOptions series_options(const Project& project, const std::optional<model::Mesh>& mesh) {
   imaging::SeriesOptions options = series_options(project);
   options.mesh = mesh_of(project, mesh);
   return options;
 }
 
 /// The series of pictures that are there, and γ from the first that can be measured if need be.
-void PictureMeasurements::read_series(const Project& project, const reduction::ModelContents& contents) {
+void PictureMeasurements::read_series(const Project& project, const model::ModelContents& contents) {
   imaging::SeriesOptions options = series_options(project, contents.mesh);
   if (options.times.empty()) {
     if (options.pictures.size() > contents.time.size())
@@ -141,7 +140,7 @@ void PictureMeasurements::read_series(const Project& project, const reduction::M
                                 results_.empty() ? "" : results_.front().message));
 }
 
-PictureMeasurements::PictureMeasurements(const Project& given, const reduction::SeparatedModel& model,
+PictureMeasurements::PictureMeasurements(const Project& given, const model::SeparatedModel& model,
                                          bool live) {
   const auto& contents = model.contents();
   Project project = given;
@@ -167,10 +166,10 @@ PictureMeasurements::PictureMeasurements(const Project& given, const reduction::
   imaging::observation_places(series_->correlation().mesh(), frame_, points_, component_);
   imaging::add_drift_places(series_->options().drift, points_, component_);
   const auto n = std::ssize(component_);
-  measurements_.sensors = reduction::Sensors({points_, component_});
+  measurements_.sensors = model::Sensors({points_, component_});
   measurements_.values.setConstant(n, std::ssize(measurements_.time),
                                    std::numeric_limits<double>::quiet_NaN());
-  const assimilation::NoiseModel whole =
+  const likelihood::NoiseModel whole =
       noise_of(series_->precision(series_->correlation().usable_elements(), gamma_).matrix);
   measurements_.noise = whole.with_shared_reference(static_cast<int>(series_->reference_count()))
                             .with_scale_error(frame_.relative_scale_std);
@@ -182,13 +181,13 @@ void PictureMeasurements::correlate_ahead() {
     ahead_ = std::async(std::launch::async, [this] { return series_->next(); });
 }
 
-assimilation::GaussianNoise PictureMeasurements::noise_of(Eigen::SparseMatrix<double> in_pixels) const {
+likelihood::GaussianNoise PictureMeasurements::noise_of(Eigen::SparseMatrix<double> in_pixels) const {
   Eigen::SparseMatrix<double> precision = frame_.to_model(in_pixels);
   const auto& options = series_->options();
   precision =
       imaging::with_drift(precision, options.drift, points_, component_, options.drift_std * frame_.scale());
   precision.prune(0.0, 0.0);
-  return assimilation::GaussianNoise::correlated(precision);
+  return likelihood::GaussianNoise::correlated(precision);
 }
 
 PictureDatum PictureMeasurements::next() {

@@ -13,8 +13,8 @@ bool needs_model_outline(const Project& project) {
   return project.pictures.outline && project.pictures.outline->corners.empty();
 }
 
-std::optional<imaging::OutlineFit> register_pictures(Project& project,
-                                                     const std::optional<reduction::Mesh>& mesh, bool live) {
+std::optional<imaging::OutlineFit> register_pictures(Project& project, const std::optional<model::Mesh>& mesh,
+                                                     bool live) {
   PictureOptions& p = project.pictures;
   if (!p.outline) return std::nullopt;
   imaging::Outline outline;

@@ -16,8 +16,7 @@ namespace knothe::project {
 /// the picture named for it) and puts it in the project. Nothing where the frame is given. `live`: the
 /// references are in the folder that the service watches. Errors: ProjectError where there is no outline,
 /// DataError as of fit_outline and for the picture.
-std::optional<imaging::OutlineFit> register_pictures(Project& project,
-                                                     const std::optional<reduction::Mesh>& mesh,
+std::optional<imaging::OutlineFit> register_pictures(Project& project, const std::optional<model::Mesh>& mesh,
                                                      bool live = false);
 
 /// One line for people: scale, turn, and how well the edges lie on the outline.

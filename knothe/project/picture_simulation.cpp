@@ -14,8 +14,8 @@
 #include "knothe/files/picture.hpp"
 #include "knothe/imaging/mesh/mesh_field.hpp"
 #include "knothe/imaging/series/speckle.hpp"
+#include "knothe/model/observe/observation_operator.hpp"
 #include "knothe/project/picture_measurements.hpp"
-#include "knothe/reduction/observe/observation_operator.hpp"
 
 namespace knothe::project {
 namespace {
@@ -24,14 +24,14 @@ namespace {
 class FaceDisplacement {
  public:
   FaceDisplacement(const imaging::ImageMesh& face, const imaging::PictureFrame& frame,
-                   const reduction::Dofs& dofs, const reduction::Mesh& mesh)
+                   const model::Dofs& dofs, const model::Mesh& mesh)
       : frame_(frame) {
-    reduction::Dofs places;
+    model::Dofs places;
     for (std::size_t a = 0; a < face.x.size(); ++a) {
       const auto point = frame.model_point(face.x[a], face.y[a]);
       for (const int component : frame.components()) places.add(point, component);
     }
-    const reduction::ObservationOperator observed(dofs, mesh, "the model", places);
+    const model::ObservationOperator observed(dofs, mesh, "the model", places);
     for (std::size_t i = 0; i < places.components.size(); ++i)
       for (const auto& entry : observed.row(i)) {
         rows_.push_back({i, entry.weight}), dofs_.push_back(entry.dof);
@@ -58,7 +58,7 @@ class FaceDisplacement {
 
 }  // namespace
 
-void simulate_pictures(const Project& project, const reduction::Mesh& mesh, const reduction::Dofs& dofs,
+void simulate_pictures(const Project& project, const model::Mesh& mesh, const model::Dofs& dofs,
                        const std::vector<double>& time, const DisplacementField& field,
                        std::optional<std::uint64_t> seed, const std::string& folder) {
   project.require(project.simulate && project.simulate->camera, "a table [simulate.camera]");

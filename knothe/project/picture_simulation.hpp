@@ -4,9 +4,9 @@
 #include <string>
 #include <vector>
 
+#include "knothe/model/compress/snapshots.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/simulation.hpp"
-#include "knothe/reduction/compress/snapshots.hpp"
 
 namespace knothe::project {
 
@@ -15,7 +15,7 @@ namespace knothe::project {
 /// material point that it shows. Writes into `folder` reference_1.tif …, picture_0001.tif …, and pictures.csv
 /// (time,file). Errors: ProjectError for what the project lacks, IoError; Interrupted, with what is drawn
 /// kept.
-void simulate_pictures(const Project& project, const reduction::Mesh& mesh, const reduction::Dofs& dofs,
+void simulate_pictures(const Project& project, const model::Mesh& mesh, const model::Dofs& dofs,
                        const std::vector<double>& time, const DisplacementField& field,
                        std::optional<std::uint64_t> seed, const std::string& folder);
 

@@ -4,8 +4,8 @@
 #include <filesystem>
 #include <limits>
 
+#include "knothe/model/reduced/truncation_error.hpp"
 #include "knothe/project/forecast_scoring.hpp"
-#include "knothe/reduction/model/truncation_error.hpp"
 
 namespace knothe::project {
 namespace {
@@ -17,11 +17,12 @@ std::string name_of(const std::string& file, const Project& project) {
   return path.empty() ? file : path.string();
 }
 
-engine::CandidateModel candidate(const Project& project, const std::string& file, const UpdateSetup& first) {
+assimilation::CandidateModel candidate(const Project& project, const std::string& file,
+                                       const UpdateSetup& first) {
   Project other = project;
   other.model = file;
   const UpdateSetup setup = set_up(other);
-  engine::CandidateModel model{name_of(file, project), setup.problem, {}};
+  assimilation::CandidateModel model{name_of(file, project), setup.problem, {}};
   model.time_indices.assign(first.problem.model->time.size(), std::numeric_limits<std::size_t>::max());
   for (std::size_t i = 0; i < first.problem.model->time.size(); ++i)
     for (std::size_t j = 0; j < setup.problem.model->time.size(); ++j)
@@ -35,17 +36,17 @@ engine::CandidateModel candidate(const Project& project, const std::string& file
 
 }  // namespace
 
-engine::EngineSetup engine_setup(const Project& project, const UpdateSetup& setup) {
-  engine::EngineSetup engine;
+assimilation::EngineSetup engine_setup(const Project& project, const UpdateSetup& setup) {
+  assimilation::EngineSetup engine;
   static_cast<assimilation::Problem&>(engine) = setup.problem;
   engine.forecaster = make_forecaster(project, setup);
   engine.scores = forecasts_to_score(project, setup);
   // A node on a crack is no sensor that fell silent, nor is a camera's drift.
   engine.sensors = setup.measurements.sensors;
   engine.known_errors =
-      reduction::observe_off_grid(reduction::read_truncation_error(project.model), setup.model.contents(),
-                                  project.model, setup.measurements.sensors, project.sensors,
-                                  setup.problem.model->time, setup.problem.model->observations());
+      model::observe_off_grid(model::read_truncation_error(project.model), setup.model.contents(),
+                              project.model, setup.measurements.sensors, project.sensors,
+                              setup.problem.model->time, setup.problem.model->observations());
   engine.watches_sensors = !setup.pictures && setup.measurements.noise.measurement().is_independent();
   engine.name = name_of(project.model, project);
   for (const std::string& file : project.candidates)

@@ -1,13 +1,13 @@
 #pragma once
 /// @file The engine of a project, and the project's data one by one.
-#include "knothe/engine/engine.hpp"
+#include "knothe/assimilation/engine/engine.hpp"
 #include "knothe/project/update_setup.hpp"
 
 namespace knothe::project {
 
 /// From what a project file and its data say. Reads the candidate models; errors: those of `set_up` for each,
 /// and of `make_forecaster`.
-[[nodiscard]] engine::EngineSetup engine_setup(const Project& project, const UpdateSetup& setup);
+[[nodiscard]] assimilation::EngineSetup engine_setup(const Project& project, const UpdateSetup& setup);
 
 /// The data of a project in order: columns of its data file, or pictures, which are correlated one ahead.
 class RecordedData {
@@ -15,7 +15,7 @@ class RecordedData {
   explicit RecordedData(UpdateSetup setup) : setup_(std::move(setup)) {}
 
   struct Item {
-    assimilation::Datum datum;
+    likelihood::Datum datum;
     std::optional<PictureDatum> picture;  ///< where it comes from one
   };
   [[nodiscard]] std::size_t size() const { return setup_.time_indices.size(); }

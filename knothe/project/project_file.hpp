@@ -6,22 +6,22 @@
 #include <string>
 #include <vector>
 
-#include "knothe/assimilation/update/prior.hpp"
+#include "knothe/assimilation/forecast/forecaster.hpp"
 #include "knothe/base/error.hpp"
-#include "knothe/forecast/forecaster.hpp"
+#include "knothe/model/observe/scalar_observations.hpp"
+#include "knothe/posterior/prior/prior.hpp"
 #include "knothe/project/inference_options.hpp"
 #include "knothe/project/method_options.hpp"
 #include "knothe/project/offline_options.hpp"
 #include "knothe/project/picture_options.hpp"
 #include "knothe/project/serve_options.hpp"
 #include "knothe/project/simulation_options.hpp"
-#include "knothe/reduction/observe/scalar_observations.hpp"
 
 namespace knothe::project {
 
 struct NamedPrior {
   std::string name;
-  assimilation::Prior prior;
+  posterior::Prior prior;
 };
 
 /// A parameter of the model that is not inferred: a series of the data has its value at each time.
@@ -38,10 +38,10 @@ struct Project {
   std::vector<std::string> candidates;  ///< further models to compare it with, resolved
   std::string data;                     ///< measurements, resolved; empty if none
   std::string clock;                    ///< output that tells the time of the data; empty: their own times
-  std::vector<reduction::ScalarObservation> sensors;  ///< made of displacements
-  std::string results = "results/";                   ///< resolved
-  std::vector<NamedPrior> parameters;                 ///< those that are inferred
-  std::vector<KnownParameter> known;                  ///< and those that are not
+  std::vector<model::ScalarObservation> sensors;  ///< made of displacements
+  std::string results = "results/";               ///< resolved
+  std::vector<NamedPrior> parameters;             ///< those that are inferred
+  std::vector<KnownParameter> known;              ///< and those that are not
   MethodOptions method;
   UmbridgeOptions umbridge;
   std::optional<ObservationOptions> observations;
@@ -49,7 +49,7 @@ struct Project {
   std::optional<SimulateOptions> simulate;
   PictureOptions pictures;  ///< [dic] and [data] pictures
   SelectOptions select;
-  std::vector<forecast::ForecastSpecification> forecasts;
+  std::vector<assimilation::ForecastSpecification> forecasts;
   ServeOptions serve;
 
   /// Line and column of every table and key of the file, by its path ("parameters.Y0").

@@ -29,7 +29,7 @@ TEST(ProjectFile, DefaultsAndPaths) {
   EXPECT_EQ(p.model, "dir/M.h5");
   EXPECT_EQ(p.data, "dir/D.h5");
   EXPECT_EQ(p.results, "dir/results/");
-  EXPECT_EQ(p.method.kind, assimilation::Method::automatic);
+  EXPECT_EQ(p.method.kind, posterior::Method::automatic);
   EXPECT_EQ(p.method.update.map.tolerance, 1e-3);
   EXPECT_EQ(p.method.update.map.max_order, 8);
   EXPECT_EQ(p.text, k_minimal);
@@ -280,7 +280,7 @@ TEST(OptionTable, PrintsWhatAnEmptyProjectHas) {
   EXPECT_EQ(std::stod(printed("method.tolerance")), p.method.update.map.tolerance);
   EXPECT_EQ(std::stoi(printed("method.bias_rank")), p.method.update.bias.rank);
   EXPECT_EQ(printed("method.bias_extrapolation"), "\"joint\"");
-  EXPECT_EQ(p.method.update.bias.way, assimilation::BiasOptions::Way::joint);
+  EXPECT_EQ(p.method.update.bias.way, likelihood::BiasOptions::Way::joint);
   EXPECT_EQ(std::stod(printed("dic.element_size")), p.pictures.series.element_size);
   EXPECT_EQ(std::stol(printed("serve.max_body")), p.serve.max_body);
   EXPECT_EQ(printed("results"), '"' + p.results + '"');

@@ -12,17 +12,17 @@
 #include "knothe/base/program.hpp"
 #include "knothe/base/progress.hpp"
 #include "knothe/base/text.hpp"
+#include "knothe/model/reduced/parameter_order.hpp"
+#include "knothe/model/simulator/solver_process.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
-#include "knothe/reduction/model/parameter_order.hpp"
-#include "knothe/simulator/solver_process.hpp"
 
 namespace knothe::project {
 
-using assimilation::Posterior;
 using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-using reduction::Neighbourhood;
+using model::Neighbourhood;
+using posterior::Posterior;
 
 namespace {
 
@@ -43,7 +43,7 @@ VectorXd as_vector(const std::vector<double>& values) {
 }  // namespace
 
 std::vector<std::vector<double>> points_around(const VectorXd& mean, const Eigen::MatrixXd& covariance,
-                                               std::span<const reduction::Axis> box) {
+                                               std::span<const model::Axis> box) {
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(covariance);
   std::vector<std::vector<double>> points;
   const auto add = [&](VectorXd p) {
@@ -60,18 +60,18 @@ std::vector<std::vector<double>> points_around(const VectorXd& mean, const Eigen
   return points;
 }
 
-std::unique_ptr<simulator::Simulator> full_order_simulator(const Project& project, std::string keep,
-                                                           std::stop_token stop) {
+std::unique_ptr<model::Simulator> full_order_simulator(const Project& project, std::string keep,
+                                                       std::stop_token stop) {
   project.require(project.offline.has_value(),
                   "the table [offline] that the model was made from, to ask its full-order model");
-  simulator::SolverProcessOptions options;
+  model::SolverProcessOptions options;
   options.words = {program_beside("knothe-offline"), "solve", project.path};
   options.names = names_of(project);
   options.identity = project.text;
   options.processes = static_cast<std::size_t>(project.offline->processes);
   options.keep = std::move(keep);
   options.stop = std::move(stop);
-  return std::make_unique<simulator::SolverProcess>(std::move(options));
+  return std::make_unique<model::SolverProcess>(std::move(options));
 }
 
 std::unique_ptr<Refinement> make_refinement(const Project& project,
@@ -108,11 +108,10 @@ PosteriorMove move_between(const Posterior& before, const Posterior& after) {
 }
 
 Refinement::Refinement(const Project& project, std::shared_ptr<PictureMeasurements> pictures,
-                       std::unique_ptr<simulator::Simulator> simulator, std::string folder,
-                       RefinementStart start)
+                       std::unique_ptr<model::Simulator> simulator, std::string folder, RefinementStart start)
     : project_(project),
-      base_(reduction::with_parameter_order(reduction::read_model(project.model), names_of(project))),
-      base_error_(reduction::read_truncation_error(project.model)),
+      base_(model::with_parameter_order(model::read_model(project.model), names_of(project))),
+      base_error_(model::read_truncation_error(project.model)),
       pictures_(std::move(pictures)),
       simulator_(std::move(simulator)),
       folder_(std::move(folder)),
@@ -153,9 +152,9 @@ std::vector<std::vector<double>> Refinement::points_to_ask(const Posterior& post
   if (!(weights.sum() > 0)) return points;  // a posterior of no width
   const MatrixXd candidates = posterior.points(numerics::equal_draws(weights, k_candidates), Eigen::all);
   const Neighbourhood at{posterior.mean, posterior.covariance};
-  const MatrixXd more = reduction::most_informative(
-      base_.axes, known, candidates, kernel_ ? *kernel_ : reduction::kernel_of_cell(base_.axes, at),
-      k_at_once - std::ssize(points));
+  const MatrixXd more = model::most_informative(base_.axes, known, candidates,
+                                                kernel_ ? *kernel_ : model::kernel_of_cell(base_.axes, at),
+                                                k_at_once - std::ssize(points));
   for (const auto& p : more.rowwise()) points.push_back(values_of(p.transpose()));
   return points;
 }
@@ -166,7 +165,7 @@ bool Refinement::covers(const Posterior& posterior) const {
   constexpr Index k_enough = 6;
   const Standardised scale(posterior);
   const auto inside =
-      std::count_if(solutions_.begin(), solutions_.end(), [&](const reduction::Snapshots& solution) {
+      std::count_if(solutions_.begin(), solutions_.end(), [&](const model::Snapshots& solution) {
         return scale(as_vector(solution.parameters_at(0))).norm() < bulk_radius(posterior.mean.size());
       });
   return inside > std::min(2 * posterior.mean.size(), k_enough);
@@ -174,31 +173,31 @@ bool Refinement::covers(const Posterior& posterior) const {
 
 void Refinement::solve(const std::vector<std::vector<double>>& points) {
   Progress progress("full-order runs at the posterior", points.size(), quiet_);
-  for (reduction::Snapshots& solution :
+  for (model::Snapshots& solution :
        simulator_->solve_all(points, [&](std::size_t done) { progress.advance_to(done); }))
     solutions_.push_back(std::move(solution));
 }
 
-std::unique_ptr<engine::Engine> Refinement::with_refined_model(const engine::Engine& engine,
-                                                               const Posterior& posterior) {
-  reduction::RefinedModel fine =
-      reduction::refined(base_, base_error_, solutions_, {posterior.mean, posterior.covariance});
+std::unique_ptr<assimilation::Engine> Refinement::with_refined_model(const assimilation::Engine& engine,
+                                                                     const Posterior& posterior) {
+  model::RefinedModel fine =
+      model::refined(base_, base_error_, solutions_, {posterior.mean, posterior.covariance});
   fine.model.project = project_.text;
   kernel_ = fine.kernel;
   std::filesystem::create_directories(folder_);
   const std::string file = refined_model(folder_, version_ + 1);
-  reduction::write_model(fine.model, fine.error, file);
+  model::write_model(fine.model, fine.error, file);
   project_.model = file;
   ++version_;
   used_ = solutions_.size();
   setup_ = set_up_again(project_, pictures_);
-  engine::EngineSetup refined = engine_setup(project_, *setup_);
+  assimilation::EngineSetup refined = engine_setup(project_, *setup_);
   refined.model_version = version_;
-  return std::make_unique<engine::Engine>(engine.with_setup(std::move(refined)));
+  return std::make_unique<assimilation::Engine>(engine.with_setup(std::move(refined)));
 }
 
-bool Refinement::refine(std::unique_ptr<engine::Engine>& engine, engine::StepResult& result, std::size_t runs,
-                        bool thorough, RefinementGoal goal) {
+bool Refinement::refine(std::unique_ptr<assimilation::Engine>& engine, assimilation::StepResult& result,
+                        std::size_t runs, bool thorough, RefinementGoal goal) {
   const Posterior first = result.update;
   const std::size_t version = version_;
   int settled = 0;  // rounds in a row
@@ -209,7 +208,7 @@ bool Refinement::refine(std::unique_ptr<engine::Engine>& engine, engine::StepRes
     if (points.empty() && used_ == solutions_.size()) break;
     solve(points);
     engine = with_refined_model(*engine, result.update);
-    engine::StepResult next = engine->conclude(result.update.step);
+    assimilation::StepResult next = engine->conclude(result.update.step);
     last_move_ = move_between(result.update, next.update);
     result = std::move(next);
     const auto within = [&](double share) {
@@ -247,8 +246,8 @@ bool doubts_model(const assimilation::Verdict& verdict) {
                      [](const auto& reason) { return reason.part == assimilation::VerdictPart::model; });
 }
 
-bool Refinement::refine_if_needed(std::unique_ptr<engine::Engine>& engine, engine::StepResult& result,
-                                  bool is_last) {
+bool Refinement::refine_if_needed(std::unique_ptr<assimilation::Engine>& engine,
+                                  assimilation::StepResult& result, bool is_last) {
   const auto all = static_cast<std::size_t>(project_.method.verify_runs);
   const bool doubted = doubts_model(result.update.verdict);
   const std::size_t version = version_;

@@ -7,31 +7,31 @@
 #include <string>
 #include <vector>
 
+#include "knothe/model/grid/local_refinement.hpp"
+#include "knothe/model/simulator/simulator.hpp"
 #include "knothe/project/project_engine.hpp"
-#include "knothe/reduction/grid/local_refinement.hpp"
-#include "knothe/simulator/simulator.hpp"
 
 namespace knothe::project {
 
 /// The full-order model of the project's table [offline], in processes of `knothe-offline`. ProjectError
 /// where the project has no such table. `keep`, `stop`: of `SolverProcessOptions`.
-[[nodiscard]] std::unique_ptr<simulator::Simulator> full_order_simulator(const Project& project,
-                                                                         std::string keep = {},
-                                                                         std::stop_token stop = {});
+[[nodiscard]] std::unique_ptr<model::Simulator> full_order_simulator(const Project& project,
+                                                                     std::string keep = {},
+                                                                     std::stop_token stop = {});
 
 /// The mean of a posterior, then one and a half standard deviations to both sides of it along its principal
 /// axes; inside the box.
 [[nodiscard]] std::vector<std::vector<double>> points_around(const Eigen::VectorXd& mean,
                                                              const Eigen::MatrixXd& covariance,
-                                                             std::span<const reduction::Axis> box);
+                                                             std::span<const model::Axis> box);
 
 /// How far a posterior moves from one model to the next.
 struct PosteriorMove {
   double mean = 0;  ///< largest change of a mean, in standard deviations of the later posterior
   double std = 0;   ///< largest relative change of a standard deviation
 };
-[[nodiscard]] PosteriorMove move_between(const assimilation::Posterior& before,
-                                         const assimilation::Posterior& after);
+[[nodiscard]] PosteriorMove move_between(const posterior::Posterior& before,
+                                         const posterior::Posterior& after);
 
 /// When the posterior is the full-order model's: what one more refinement may still move it. A thorough
 /// refinement ends when two rounds in a row have moved it by less than half of that, and the verdict does not
@@ -43,10 +43,10 @@ struct RefinementGoal {
 
 /// Where a refinement goes on, that was begun by another process.
 struct RefinementStart {
-  std::vector<reduction::Snapshots> solutions;  ///< made so far
-  std::size_t used = 0;                         ///< how many of them the present model was made from
-  std::size_t version = 0;                      ///< of that model
-  bool quiet = false;                           ///< shows no progress
+  std::vector<model::Snapshots> solutions;  ///< made so far
+  std::size_t used = 0;                     ///< how many of them the present model was made from
+  std::size_t version = 0;                  ///< of that model
+  bool quiet = false;                       ///< shows no progress
 };
 
 /// Says in a verdict what `runs` full-order runs leave open: a doubt of the reduced model has other advice
@@ -68,18 +68,19 @@ class Refinement {
   /// `folder`: where refined models go (`refined_model`). The project's model is the one that is refined.
   /// ProjectError, UsageError for what cannot be combined with it.
   Refinement(const Project& project, std::shared_ptr<PictureMeasurements> pictures,
-             std::unique_ptr<simulator::Simulator> simulator, std::string folder, RefinementStart start = {});
+             std::unique_ptr<model::Simulator> simulator, std::string folder, RefinementStart start = {});
 
   /// Makes the model finer around the posterior of `result`, the engine's last, and the engine that of the
   /// refined model with the same data, again and again until the posterior moves no more, or `runs`
   /// full-order runs have been made in all; `result` is then the new one. Without `thorough` the posterior's
   /// mean alone is asked for. False where no run was needed. NumericalError where the full-order model fails.
-  bool refine(std::unique_ptr<engine::Engine>& engine, engine::StepResult& result, std::size_t runs,
-              bool thorough, RefinementGoal goal = {});
+  bool refine(std::unique_ptr<assimilation::Engine>& engine, assimilation::StepResult& result,
+              std::size_t runs, bool thorough, RefinementGoal goal = {});
   /// What a run of recorded data wants: at the last step all of that; before it, with half of the runs that
   /// the project allows, where the verdict doubts the model. A full-order model that fails is not asked
   /// again, and the last verdict says so.
-  bool refine_if_needed(std::unique_ptr<engine::Engine>& engine, engine::StepResult& result, bool is_last);
+  bool refine_if_needed(std::unique_ptr<assimilation::Engine>& engine, assimilation::StepResult& result,
+                        bool is_last);
 
   [[nodiscard]] std::size_t runs() const { return solutions_.size(); }
   [[nodiscard]] std::size_t version() const { return version_; }            ///< 0: the project's own model
@@ -92,22 +93,22 @@ class Refinement {
   [[nodiscard]] const PosteriorMove& whole_move() const { return whole_move_; }
 
  private:
-  [[nodiscard]] std::vector<std::vector<double>> points_to_ask(const assimilation::Posterior& posterior,
+  [[nodiscard]] std::vector<std::vector<double>> points_to_ask(const posterior::Posterior& posterior,
                                                                bool thorough) const;
-  [[nodiscard]] bool covers(const assimilation::Posterior& posterior) const;
+  [[nodiscard]] bool covers(const posterior::Posterior& posterior) const;
   void solve(const std::vector<std::vector<double>>& points);
-  [[nodiscard]] std::unique_ptr<engine::Engine> with_refined_model(const engine::Engine& engine,
-                                                                   const assimilation::Posterior& posterior);
+  [[nodiscard]] std::unique_ptr<assimilation::Engine> with_refined_model(
+      const assimilation::Engine& engine, const posterior::Posterior& posterior);
 
   Project project_;  ///< its model is the present version
-  reduction::ModelContents base_;
-  reduction::TruncationError base_error_;
+  model::ModelContents base_;
+  model::TruncationError base_error_;
   std::shared_ptr<PictureMeasurements> pictures_;
-  std::unique_ptr<simulator::Simulator> simulator_;
+  std::unique_ptr<model::Simulator> simulator_;
   std::string folder_;
-  std::vector<reduction::Snapshots> solutions_;
-  std::optional<reduction::InterpolationKernel> kernel_;  ///< of the last refinement made here
-  std::size_t used_;                                      ///< how many of them the model is made from
+  std::vector<model::Snapshots> solutions_;
+  std::optional<model::InterpolationKernel> kernel_;  ///< of the last refinement made here
+  std::size_t used_;                                  ///< how many of them the model is made from
   std::size_t version_;
   bool quiet_;
   std::optional<UpdateSetup> setup_;

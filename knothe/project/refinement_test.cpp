@@ -8,17 +8,17 @@
 #include <numeric>
 #include <random>
 
-#include "knothe/assimilation/data/synthetic_measurements.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/files/testing/test_folder.hpp"
-#include "knothe/reduction/testing/test_models.hpp"
+#include "knothe/likelihood/data/synthetic_measurements.hpp"
+#include "knothe/model/testing/test_models.hpp"
 
 namespace knothe::project {
 namespace {
 
 using Eigen::Index;
 using Eigen::VectorXd;
-using reduction::Snapshots;
+using model::Snapshots;
 
 constexpr std::size_t k_dofs = 20, k_times = 10;
 constexpr double k_noise = 1e-7;  // m
@@ -29,26 +29,26 @@ double front(std::size_t dof, double t, std::span<const double> p) {
   return 1e-4 * (t * x + 0.2 / (1 + std::exp(-8 * (t * p[0] - x - 0.3 * p[1]))));
 }
 
-Snapshots front_on(std::vector<reduction::Axis> axes) {
+Snapshots front_on(std::vector<model::Axis> axes) {
   std::vector<double> time;
   for (std::size_t i = 0; i < k_times; ++i) time.push_back(0.1 * static_cast<double>(i + 1));
-  Snapshots snapshots = reduction::snapshots_of(front, std::move(axes), time, k_dofs);
+  Snapshots snapshots = model::snapshots_of(front, std::move(axes), time, k_dofs);
   for (std::size_t i = 0; i < k_dofs; ++i)
     snapshots.dofs.add(std::array{0.01 * static_cast<double>(i), 0.0, 0.0}, 0);
   return snapshots;
 }
 
-std::vector<reduction::Axis> five_by_five() {
+std::vector<model::Axis> five_by_five() {
   const std::vector<double> nodes = {0.5, 0.75, 1.0, 1.25, 1.5};
   return {{.name = "a", .nodes = nodes}, {.name = "b", .nodes = nodes}};
 }
 
 /// Solves by the formula, and counts.
-class FrontSimulator final : public simulator::Simulator {
+class FrontSimulator final : public model::Simulator {
  public:
   explicit FrontSimulator(std::vector<std::string> names = {"a", "b"}) : names_(std::move(names)) {}
   [[nodiscard]] std::string key(std::span<const double> p) const override {
-    return "front at " + simulator::describe(names_, p);
+    return "front at " + model::describe(names_, p);
   }
   [[nodiscard]] Snapshots solve(std::span<const double> p) override {
     return front_on({{.name = names_[0], .nodes = {p[0]}}, {.name = names_[1], .nodes = {p[1]}}});
@@ -63,7 +63,7 @@ class FrontSimulator final : public simulator::Simulator {
 struct ExactPosterior {
   VectorXd mean, std;
 };
-ExactPosterior exact_posterior(const assimilation::Measurements& data) {
+ExactPosterior exact_posterior(const likelihood::Measurements& data) {
   constexpr Index n = 81;
   Eigen::Vector2d low(0.5, 0.5), high(1.5, 1.5), mean, std;
   for (int zoom = 0; zoom < 4; ++zoom) {
@@ -99,12 +99,12 @@ ExactPosterior exact_posterior(const assimilation::Measurements& data) {
 
 /// All data of a project, and the result of the last.
 struct Assimilated {
-  std::unique_ptr<engine::Engine> engine;
-  engine::StepResult result;
+  std::unique_ptr<assimilation::Engine> engine;
+  assimilation::StepResult result;
 };
 Assimilated assimilate(const Project& project) {
   UpdateSetup setup = set_up(project);
-  Assimilated all{std::make_unique<engine::Engine>(engine_setup(project, setup)), {}};
+  Assimilated all{std::make_unique<assimilation::Engine>(engine_setup(project, setup)), {}};
   RecordedData data(std::move(setup));
   while (auto item = data.next({})) all.result = all.engine->assimilate(item->datum);
   return all;
@@ -114,16 +114,15 @@ class RefinementTest : public testing::Test {
  protected:
   void SetUp() override {
     const Snapshots snapshots = front_on(five_by_five());
-    reduction::CompressionOptions compression;
+    model::CompressionOptions compression;
     compression.modes = 20;
-    const reduction::ModelContents model = reduction::compress(snapshots, compression);
-    std::vector<reduction::OffGridSolution> off_grid;
+    const model::ModelContents model = model::compress(snapshots, compression);
+    std::vector<model::OffGridSolution> off_grid;
     for (const auto& p :
          {std::vector{0.61, 1.4}, std::vector{1.37, 0.66}, std::vector{0.87, 0.91}, std::vector{1.12, 1.14}})
       off_grid.push_back(
           {p, front_on({{.name = "a", .nodes = {p[0]}}, {.name = "b", .nodes = {p[1]}}}).values});
-    reduction::write_model(model, reduction::truncation_error(model, snapshots, off_grid),
-                           folder_ + "model.h5");
+    model::write_model(model, model::truncation_error(model, snapshots, off_grid), folder_ + "model.h5");
   }
 
   void write_data(const std::array<double, 2>& truth, std::uint64_t seed) {
@@ -131,10 +130,10 @@ class RefinementTest : public testing::Test {
         front_on({{.name = "a", .nodes = {truth[0]}}, {.name = "b", .nodes = {truth[1]}}});
     std::vector<std::size_t> all(k_dofs);
     std::iota(all.begin(), all.end(), std::size_t{0});
-    measurements_ = assimilation::add_noise(
+    measurements_ = likelihood::add_noise(
         exact.dofs, all, exact.time, Eigen::Map<const Eigen::MatrixXd>(exact.values.data(), k_dofs, k_times),
         k_noise, seed);
-    assimilation::write_measurements(folder_ + "data.h5", measurements_, "", seed);
+    likelihood::write_measurements(folder_ + "data.h5", measurements_, "", seed);
   }
 
   [[nodiscard]] Project project(const std::string& more = "") const {
@@ -147,12 +146,12 @@ class RefinementTest : public testing::Test {
 
   /// Assimilates all data, then asks the full-order model.
   struct Run {
-    engine::StepResult before, after;
+    assimilation::StepResult before, after;
     std::size_t runs = 0, version = 0;
   };
   [[nodiscard]] Run run(const Project& project, std::vector<std::string> names = {"a", "b"}) const {
     UpdateSetup setup = set_up(project);
-    auto engine = std::make_unique<engine::Engine>(engine_setup(project, setup));
+    auto engine = std::make_unique<assimilation::Engine>(engine_setup(project, setup));
     RecordedData data(std::move(setup));
     Run run;
     while (auto item = data.next({})) run.after = engine->assimilate(item->datum);
@@ -167,7 +166,7 @@ class RefinementTest : public testing::Test {
 
   files::TestFolder files_;  // each test is a process of its own beside others
   const std::string folder_ = files_.file("");
-  assimilation::Measurements measurements_;
+  likelihood::Measurements measurements_;
 };
 
 TEST_F(RefinementTest, ThePosteriorBecomesThatOfTheFullOrderModel) {
@@ -179,7 +178,7 @@ TEST_F(RefinementTest, ThePosteriorBecomesThatOfTheFullOrderModel) {
     write_data(truth, seed);
     const Run run = this->run(project());
     const ExactPosterior exact = exact_posterior(measurements_);
-    const auto off = [&](const assimilation::Posterior& p) {
+    const auto off = [&](const posterior::Posterior& p) {
       return (p.mean - exact.mean).cwiseQuotient(exact.std).cwiseAbs().maxCoeff();
     };
     was_wrong += off(run.before.update) > 1;
@@ -202,7 +201,7 @@ TEST_F(RefinementTest, TheProjectsOrderOfTheParametersCounts) {
       "= 1.5 }\n"
       "a = { prior = \"uniform\", lower = 0.5, upper = 1.5 }\n",
       folder_ + "other.toml");
-  class Swapped final : public simulator::Simulator {
+  class Swapped final : public model::Simulator {
    public:
     [[nodiscard]] std::string key(std::span<const double>) const override { return "swapped"; }
     [[nodiscard]] Snapshots solve(std::span<const double> p) override {
@@ -212,9 +211,9 @@ TEST_F(RefinementTest, TheProjectsOrderOfTheParametersCounts) {
     }
   };
   UpdateSetup setup = set_up(other);
-  auto engine = std::make_unique<engine::Engine>(engine_setup(other, setup));
+  auto engine = std::make_unique<assimilation::Engine>(engine_setup(other, setup));
   RecordedData data(std::move(setup));
-  engine::StepResult result;
+  assimilation::StepResult result;
   while (auto item = data.next({})) result = engine->assimilate(item->datum);
   Refinement refinement(other, nullptr, std::make_unique<Swapped>(), folder_ + "swapped");
   ASSERT_TRUE(refinement.refine(engine, result, 14, true));
@@ -228,12 +227,12 @@ TEST_F(RefinementTest, TheDoubtOfTheVerdictMakesItAsk) {
   write_data({0.87, 1.13}, 3);
   const Project project = this->project("[method]\nverify_runs = 4\n");
   UpdateSetup setup = set_up(project);
-  auto engine = std::make_unique<engine::Engine>(engine_setup(project, setup));
+  auto engine = std::make_unique<assimilation::Engine>(engine_setup(project, setup));
   RecordedData data(std::move(setup));
   Refinement refinement(project, nullptr, std::make_unique<FrontSimulator>(), folder_ + "refined");
   bool asked_before_the_end = false;
   while (auto item = data.next({})) {
-    engine::StepResult result = engine->assimilate(item->datum);
+    assimilation::StepResult result = engine->assimilate(item->datum);
     const bool is_last = item->datum.step + 1 == data.size();
     const bool doubted = result.update.verdict.level != assimilation::VerdictLevel::ok;
     const std::size_t before = refinement.runs();
@@ -266,7 +265,7 @@ TEST_F(RefinementTest, SolutionsThatWereMadeBeforeAreUsedAndNotAskedAgain) {
 }
 
 TEST_F(RefinementTest, ASolverThatCannotBeRunCostsNothingButTheVerdict) {
-  class Missing final : public simulator::Simulator {
+  class Missing final : public model::Simulator {
    public:
     [[nodiscard]] std::string key(std::span<const double>) const override { return "missing"; }
     [[nodiscard]] Snapshots solve(std::span<const double>) override {

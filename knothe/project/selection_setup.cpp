@@ -5,11 +5,11 @@
 #include <algorithm>
 #include <cmath>
 
-#include "knothe/assimilation/data/measurements.hpp"
-#include "knothe/assimilation/data/time_matching.hpp"
-#include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
+#include "knothe/likelihood/data/measurements.hpp"
+#include "knothe/likelihood/data/time_matching.hpp"
+#include "knothe/likelihood/step/prior_of_model.hpp"
 #include "knothe/project/simulation.hpp"
 #include "knothe/project/update_setup.hpp"
 
@@ -17,7 +17,7 @@ namespace knothe::project {
 namespace {
 
 /// The middle of the model's box, or what [select.at] says.
-Eigen::VectorXd reference_point(const Project& project, const reduction::SeparatedModel& model) {
+Eigen::VectorXd reference_point(const Project& project, const model::SeparatedModel& model) {
   const std::vector<std::string> names = model.parameter_names();
   Eigen::VectorXd at(std::ssize(names));
   for (const auto& [name, value] : project.select.at) {
@@ -43,7 +43,7 @@ Eigen::VectorXd reference_point(const Project& project, const reduction::Separat
 }
 
 /// Dofs of the model: those of the face and range that [simulate.dofs] observes, or all.
-std::vector<std::size_t> model_candidates(const Project& project, const reduction::Dofs& dofs) {
+std::vector<std::size_t> model_candidates(const Project& project, const model::Dofs& dofs) {
   if (dofs.empty()) throw DataError("the model has no dof positions: its field is not a displacement");
   std::vector<std::size_t> candidates;
   const std::size_t n = dofs.components.size();
@@ -51,7 +51,7 @@ std::vector<std::size_t> model_candidates(const Project& project, const reductio
     for (std::size_t i = 0; i < n; ++i) candidates.push_back(i);
     return candidates;
   }
-  const assimilation::DofSelection& s = project.simulate->dofs;
+  const likelihood::DofSelection& s = project.simulate->dofs;
   constexpr double k_slack = 1e-9;  // m
   const auto inside = [&](const std::optional<std::array<double, 2>>& range, double value) {
     return !range || (value >= (*range)[0] - k_slack && value <= (*range)[1] + k_slack);
@@ -72,7 +72,7 @@ std::vector<std::size_t> model_candidates(const Project& project, const reductio
 }
 
 void set_up_from_data(const Project& project, SelectionSetup& setup) {
-  const assimilation::Measurements m = assimilation::read_measurements(project.data);
+  const likelihood::Measurements m = likelihood::read_measurements(project.data);
   std::vector<Eigen::Index> kept;
   for (Eigen::Index i = 0; i < m.noise.size(); ++i) {
     if (m.noise.measurement().is_measured(i)) kept.push_back(i);
@@ -84,20 +84,20 @@ void set_up_from_data(const Project& project, SelectionSetup& setup) {
     setup.sensors.add(m.sensors.point(setup.candidates.back()),
                       m.sensors.components[setup.candidates.back()]);
   }
-  setup.whole = reduction::observe(setup.model, setup.sensors);
+  setup.whole = model::observe(setup.model, setup.sensors);
   setup.observed =
-      reduction::at_steps(setup.whole, assimilation::match_times(m.time, setup.whole.time, project.data));
+      model::at_steps(setup.whole, likelihood::match_times(m.time, setup.whole.time, project.data));
 }
 
 void set_up_from_model(const Project& project, SelectionSetup& setup) {
-  const reduction::Dofs& dofs = setup.model.contents().dofs;
+  const model::Dofs& dofs = setup.model.contents().dofs;
   setup.candidates = model_candidates(project, dofs);
   const auto n = std::ssize(setup.candidates);
   for (const std::size_t dof : setup.candidates) setup.sensors.add(dofs.point(dof), dofs.components[dof]);
   const double otherwise = project.simulate ? project.simulate->noise_std : 1e-6;
-  setup.noise = assimilation::NoiseModel::independent(
+  setup.noise = likelihood::NoiseModel::independent(
       Eigen::VectorXd::Constant(n, project.select.noise_std.value_or(otherwise)));
-  setup.whole = setup.observed = reduction::observe_dofs(setup.model, setup.candidates);
+  setup.whole = setup.observed = model::observe_dofs(setup.model, setup.candidates);
 }
 
 }  // namespace
@@ -116,7 +116,7 @@ SelectionSetup set_up_selection(const Project& project) {
   problem.seed = project.method.seed;
   problem.at = reference_point(project, setup.model);
   for (const NamedPrior& parameter : project.parameters) problem.priors.push_back(parameter.prior);
-  problem.priors = assimilation::truncated_to_box(setup.model.contents().axes, std::move(problem.priors));
+  problem.priors = likelihood::truncated_to_box(setup.model.contents().axes, std::move(problem.priors));
   const std::size_t steps = setup.model.step_count();
   problem.step = project.select.step.value_or(steps / 2);
   if (problem.step >= steps) {

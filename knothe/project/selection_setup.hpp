@@ -3,19 +3,19 @@
 #include <vector>
 
 #include "knothe/assimilation/select/selection_study.hpp"
+#include "knothe/model/observe/sensors.hpp"
+#include "knothe/model/reduced/separated_model.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/reduction/model/separated_model.hpp"
-#include "knothe/reduction/observe/sensors.hpp"
 
 namespace knothe::project {
 
 struct SelectionSetup {
-  reduction::SeparatedModel model;
+  model::SeparatedModel model;
   std::vector<std::size_t> candidates;  ///< their indices in the data file or in the model
   bool from_data = false;
-  reduction::Sensors sensors;                ///< the candidates
-  reduction::ObservedModel observed, whole;  ///< at the measured steps, and at all of the model
-  assimilation::NoiseModel noise;
+  model::Sensors sensors;                ///< the candidates
+  model::ObservedModel observed, whole;  ///< at the measured steps, and at all of the model
+  likelihood::NoiseModel noise;
   assimilation::SelectionProblem problem;
 };
 

@@ -4,9 +4,9 @@
 
 #include <algorithm>
 
-#include "knothe/assimilation/data/synthetic_measurements.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
+#include "knothe/likelihood/data/synthetic_measurements.hpp"
 
 namespace knothe::project {
 
@@ -44,9 +44,9 @@ std::vector<std::string> truth_outside_box(const Project& project) {
 }
 
 MeasuredQuantities measured_quantities(const Project& project,
-                                       const std::vector<reduction::Quantity>& quantities) {
+                                       const std::vector<model::Quantity>& quantities) {
   std::vector<std::string> names;
-  for (const reduction::Quantity& quantity : quantities) names.push_back(quantity.name);
+  for (const model::Quantity& quantity : quantities) names.push_back(quantity.name);
   MeasuredQuantities measured;
   for (const auto& [name, std] : project.simulate->noise) {
     const auto found = std::find(names.begin(), names.end(), name);
@@ -73,33 +73,33 @@ Eigen::MatrixXd exact_values(const SimulatedField& simulated, const std::vector<
   return exact;
 }
 
-assimilation::Measurements measured_dofs(const Project& project, const SimulatedField& simulated,
-                                         std::uint64_t seed) {
+likelihood::Measurements measured_dofs(const Project& project, const SimulatedField& simulated,
+                                       std::uint64_t seed) {
   const SimulateOptions& options = *project.simulate;
   project.require(options.dofs.nodes > 0, "[simulate] dofs; for pictures instead give --images");
   try {
-    const auto chosen = assimilation::choose_dofs(simulated.dofs, options.dofs, seed);
-    return assimilation::add_noise(simulated.dofs, chosen, simulated.time, exact_values(simulated, chosen),
-                                   options.noise_std, seed);
+    const auto chosen = likelihood::choose_dofs(simulated.dofs, options.dofs, seed);
+    return likelihood::add_noise(simulated.dofs, chosen, simulated.time, exact_values(simulated, chosen),
+                                 options.noise_std, seed);
   } catch (const ProjectError& error) {
     throw project.error_at("simulate.dofs.random", error.what());
   }
 }
 
 /// As series beside no displacements.
-assimilation::Measurements measured_series(const Project& project, const SimulatedField& simulated,
-                                           std::uint64_t seed) {
+likelihood::Measurements measured_series(const Project& project, const SimulatedField& simulated,
+                                         std::uint64_t seed) {
   const auto [chosen, std] = measured_quantities(project, simulated.quantities);
-  assimilation::Measurements m =
-      assimilation::add_noise(simulated.time, exact_values(simulated, chosen),
-                              Eigen::Map<const Eigen::VectorXd>(std.data(), std::ssize(std)), seed);
+  likelihood::Measurements m =
+      likelihood::add_noise(simulated.time, exact_values(simulated, chosen),
+                            Eigen::Map<const Eigen::VectorXd>(std.data(), std::ssize(std)), seed);
   for (std::size_t i = 0; i < chosen.size(); ++i) {
     const Eigen::VectorXd series = m.values.row(i);
-    const reduction::Quantity& quantity = simulated.quantities[chosen[i]];
+    const model::Quantity& quantity = simulated.quantities[chosen[i]];
     m.series[quantity.name] = {{series.begin(), series.end()}, std[i], {}, quantity.units};
   }
   m.values.resize(0, m.values.cols());
-  m.noise = assimilation::NoiseModel::independent(Eigen::VectorXd());
+  m.noise = likelihood::NoiseModel::independent(Eigen::VectorXd());
   return m;
 }
 
@@ -108,10 +108,10 @@ assimilation::Measurements measured_series(const Project& project, const Simulat
 void simulate_measurements(const Project& project, const SimulatedField& simulated,
                            std::optional<std::uint64_t> seed, const std::string& output) {
   const std::uint64_t used_seed = seed.value_or(project.simulate->seed);
-  assimilation::Measurements measurements =
+  likelihood::Measurements measurements =
       (simulated.quantities.empty() ? measured_dofs : measured_series)(project, simulated, used_seed);
   measurements.truth = project.simulate->truth;
-  assimilation::write_measurements(output, measurements, project.text, used_seed);
+  likelihood::write_measurements(output, measurements, project.text, used_seed);
 }
 
 }  // namespace knothe::project

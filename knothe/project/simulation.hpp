@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "knothe/assimilation/data/synthetic_measurements.hpp"
+#include "knothe/likelihood/data/synthetic_measurements.hpp"
+#include "knothe/model/compress/snapshots.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/reduction/compress/snapshots.hpp"
 
 namespace knothe::project {
 
@@ -25,8 +25,8 @@ using DisplacementField =
 
 /// What measurements are made of.
 struct SimulatedField {
-  const reduction::Dofs& dofs;
-  const std::vector<reduction::Quantity>& quantities;  ///< instead of dofs
+  const model::Dofs& dofs;
+  const std::vector<model::Quantity>& quantities;  ///< instead of dofs
   const std::vector<double>& time;
   DisplacementField field;
 };
@@ -38,7 +38,7 @@ struct MeasuredQuantities {
   std::vector<double> std;
 };
 [[nodiscard]] MeasuredQuantities measured_quantities(const Project& project,
-                                                     const std::vector<reduction::Quantity>& quantities);
+                                                     const std::vector<model::Quantity>& quantities);
 
 /// Chooses dofs, evaluates the field there at every time, adds noise, writes the measurement file with the
 /// truth beside them.

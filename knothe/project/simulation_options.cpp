@@ -7,7 +7,7 @@
 namespace knothe::project {
 namespace {
 
-using Dofs = assimilation::DofSelection;
+using Dofs = likelihood::DofSelection;
 
 const Section<SimulateOptions>& simulate_section() {
   using S = SimulateOptions;

@@ -5,8 +5,8 @@
 #include <optional>
 #include <string>
 
-#include "knothe/assimilation/data/synthetic_measurements.hpp"
 #include "knothe/assimilation/select/selection_study.hpp"
+#include "knothe/likelihood/data/synthetic_measurements.hpp"
 
 namespace knothe::project {
 
@@ -26,8 +26,8 @@ struct CameraSimulation {
 
 struct SimulateOptions {
   std::map<std::string, double> truth;
-  assimilation::DofSelection dofs{.nodes = 0, .x_range = {}, .y_range = {}};  ///< 0: pictures alone
-  double noise_std = 1e-6;                                                    ///< m
+  likelihood::DofSelection dofs{.nodes = 0, .x_range = {}, .y_range = {}};  ///< 0: pictures alone
+  double noise_std = 1e-6;                                                  ///< m
   std::map<std::string, double> noise;  ///< of quantities without a place, which are measured by that
   std::uint64_t seed = 1;
   std::optional<CameraSimulation> camera;

@@ -14,7 +14,7 @@
 #include <string>
 #include <vector>
 
-#include "knothe/engine/engine.hpp"
+#include "knothe/assimilation/engine/engine.hpp"
 #include "knothe/project/project_engine.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/update_setup.hpp"
@@ -58,23 +58,23 @@ int main(int argc, char** argv) {
   }
   project::Project project = project::read_project(argv[1]);
   const int repeats = argc > 2 ? std::atoi(argv[2]) : 10;
-  if (argc > 3) project.method.kind = from_text<assimilation::Method>(argv[3]).value();
+  if (argc > 3) project.method.kind = from_text<posterior::Method>(argv[3]).value();
   const project::UpdateSetup setup = project::set_up(project);
-  const engine::EngineSetup engine_setup = project::engine_setup(project, setup);
+  const assimilation::EngineSetup engine_setup = project::engine_setup(project, setup);
   const std::size_t steps = setup.measurements.time.size();
   fmt::print("{}, 1 thread; {} form, r = {}, {} dofs, {} steps, {} repeats, method {}, tolerance {:g}\n",
-             processor(), reduction::to_text(setup.model.contents().form),
+             processor(), model::to_text(setup.model.contents().form),
              setup.problem.model->functions->count(), setup.problem.model->observations(), steps, repeats,
              to_text(project.method.kind), project.method.update.map.tolerance);
   std::vector<double> all, processor_time, forecast, early, middle, late, posterior, watch, verdict;
   for (int repeat = 0; repeat < repeats + 1; ++repeat) {
-    engine::Engine engine(engine_setup);
+    assimilation::Engine engine(engine_setup);
     for (std::size_t i = 0; i < steps; ++i) {
-      const assimilation::Datum datum{
+      const likelihood::Datum datum{
           {}, i, setup.time_indices[i], setup.measurements.values.col(static_cast<Eigen::Index>(i)), {}};
       const double processor_start = processor_us();
       const auto start = Clock::now();
-      const engine::StepResult result = engine.assimilate(datum);
+      const assimilation::StepResult result = engine.assimilate(datum);
       const double us =
           std::chrono::duration<double, std::micro>(Clock::now() - start).count() - result.forecast_us;
       const double of_processor = processor_us() - processor_start - result.forecast_us;

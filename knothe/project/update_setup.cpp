@@ -6,13 +6,13 @@
 #include <algorithm>
 
 #include "knothe/assimilation/update/compatibility.hpp"
-#include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
+#include "knothe/likelihood/step/prior_of_model.hpp"
+#include "knothe/model/reduced/known_parameter.hpp"
+#include "knothe/model/reduced/parameter_order.hpp"
+#include "knothe/model/reduced/truncation_error.hpp"
 #include "knothe/project/observed_data.hpp"
-#include "knothe/reduction/model/known_parameter.hpp"
-#include "knothe/reduction/model/parameter_order.hpp"
-#include "knothe/reduction/model/truncation_error.hpp"
 
 namespace knothe::project {
 namespace {
@@ -39,11 +39,11 @@ void check_parameters(const Project& project, const std::vector<std::string>& mo
 }
 
 /// The update truncates the priors to the box by itself, but does not know where they are written.
-void check_priors(const Project& project, const reduction::SeparatedModel& model) {
+void check_priors(const Project& project, const model::SeparatedModel& model) {
   for (std::size_t k = 0; k < project.parameters.size(); ++k) {
     const NamedPrior& parameter = project.parameters[k];
     try {
-      (void)assimilation::truncated_to_box(std::span(model.contents().axes).subspan(k), {parameter.prior});
+      (void)likelihood::truncated_to_box(std::span(model.contents().axes).subspan(k), {parameter.prior});
     } catch (const ProjectError& error) {
       throw project.error_at("parameters." + parameter.name, error.what());
     }
@@ -56,11 +56,11 @@ assimilation::UpdateOptions update_options(const MethodOptions& method) {
   options.samples = method.samples;
   options.map.seed = method.seed;
   if (method.unknown_noise_level)
-    options.noise_level = assimilation::NoiseLevel(method.noise_level_shape, method.noise_level_scale);
+    options.noise_level = likelihood::NoiseLevel(method.noise_level_shape, method.noise_level_scale);
   return options;
 }
 
-assimilation::RobustOptions robust_options(const MethodOptions& method) {
+likelihood::RobustOptions robust_options(const MethodOptions& method) {
   return {method.gate, method.student_t ? method.degrees_of_freedom : 0};
 }
 
@@ -68,7 +68,7 @@ assimilation::RobustOptions robust_options(const MethodOptions& method) {
 assimilation::Features features_of(const Project& project) {
   using assimilation::Feature;
   assimilation::Features features = features_of(update_options(project.method));
-  const assimilation::RobustOptions robust = robust_options(project.method);
+  const likelihood::RobustOptions robust = robust_options(project.method);
   features |= assimilation::features_of(robust.gate, robust.degrees_of_freedom);
   add(features, Feature::truncation, project.method.truncation_error);
   add(features, Feature::clock, !project.clock.empty());
@@ -87,34 +87,34 @@ void refuse_conflicts(const Project& project, const assimilation::Features& feat
 }
 
 /// The measurements' noise with the model's own error besides. `online`: every time of the model is a step.
-assimilation::NoiseModel noise_with_truncation(const Project& project, const reduction::SeparatedModel& model,
-                                               const ObservedData& data, bool online) {
+likelihood::NoiseModel noise_with_truncation(const Project& project, const model::SeparatedModel& model,
+                                             const ObservedData& data, bool online) {
   std::vector<double> times;
   for (const std::size_t index : data.time_indices) times.push_back(data.observed->time[index]);
   if (online) times = data.observed->time;
   return with_truncation(
       data.measurements.noise,
-      reduction::observe_truncation(reduction::read_truncation_error(project.model), model.contents(),
-                                    project.model, data.measurements.sensors, project.sensors, times));
+      model::observe_truncation(model::read_truncation_error(project.model), model.contents(), project.model,
+                                data.measurements.sensors, project.sensors, times));
 }
 
 /// With the project's parameters in its order, then the known ones.
-reduction::SeparatedModel load_whole_model(const Project& project) {
-  const auto stored = reduction::SeparatedModel::load(project.model);
+model::SeparatedModel load_whole_model(const Project& project) {
+  const auto stored = model::SeparatedModel::load(project.model);
   check_parameters(project, stored.parameter_names());
   std::vector<std::string> names;
   for (const NamedPrior& parameter : project.parameters) names.push_back(parameter.name);
   for (const KnownParameter& parameter : project.known) names.push_back(parameter.name);
-  reduction::SeparatedModel model(reduction::with_parameter_order(stored.contents(), names), project.model);
+  model::SeparatedModel model(model::with_parameter_order(stored.contents(), names), project.model);
   check_priors(project, model);
   return model;
 }
 
 /// The model with its known parameters at the project's values, or else at `last`.
-reduction::SeparatedModel with_known_fixed(const Project& project, const reduction::SeparatedModel& whole,
-                                           const std::vector<double>& last) {
+model::SeparatedModel with_known_fixed(const Project& project, const model::SeparatedModel& whole,
+                                       const std::vector<double>& last) {
   if (project.known.empty()) return whole;
-  reduction::ModelContents contents = whole.contents();
+  model::ModelContents contents = whole.contents();
   for (std::size_t k = project.known.size(); k-- > 0;) {
     const KnownParameter& known = project.known[k];
     const std::vector<double>& nodes = contents.axes.back().nodes;
@@ -129,14 +129,14 @@ reduction::SeparatedModel with_known_fixed(const Project& project, const reducti
                              fmt::format("parameters.{}.value = {} lies outside the model's axis, {} to {}",
                                          known.name, value, nodes.front(), nodes.back()));
     }
-    contents = reduction::with_last_fixed(contents, value);
+    contents = model::with_last_fixed(contents, value);
   }
-  return reduction::SeparatedModel(std::move(contents), whole.where());
+  return model::SeparatedModel(std::move(contents), whole.where());
 }
 
 }  // namespace
 
-reduction::SeparatedModel load_model(const Project& project) {
+model::SeparatedModel load_model(const Project& project) {
   return with_known_fixed(project, load_whole_model(project), {});
 }
 
@@ -166,8 +166,8 @@ UpdateSetup set_up(const Project& given, assimilation::Features features, bool l
                   "data: `data = \"DATA.h5\"`, or `[data] pictures = \"FOLDER\"`");
   project.require(!project.parameters.empty(),
                   "a table [parameters] with a prior for each parameter of the model that is inferred");
-  const reduction::SeparatedModel whole = fixed ? load_model(given) : load_whole_model(given);
-  std::vector<assimilation::Prior> priors;
+  const model::SeparatedModel whole = fixed ? load_model(given) : load_whole_model(given);
+  std::vector<posterior::Prior> priors;
   for (const NamedPrior& parameter : project.parameters) priors.push_back(parameter.prior);
   if (live && !project.data.empty()) {
     const char* const key = project.serve.camera.wanted ? "serve.camera" : "serve.watch_pictures";
@@ -176,8 +176,8 @@ UpdateSetup set_up(const Project& given, assimilation::Features features, bool l
   }
   if (project.data.empty() && !pictures)
     pictures = std::make_shared<PictureMeasurements>(project, whole, live);
-  assimilation::Measurements measurements =
-      pictures ? pictures->measurements() : assimilation::read_measurements(project.data);
+  likelihood::Measurements measurements =
+      pictures ? pictures->measurements() : likelihood::read_measurements(project.data);
   if (fixed)
     for (const KnownParameter& known : given.known) measurements.series.erase(known.name);
   if (project.method.offset_std > 0)
@@ -188,7 +188,7 @@ UpdateSetup set_up(const Project& given, assimilation::Features features, bool l
     const bool online = features[static_cast<std::size_t>(assimilation::Feature::service)];
     data.measurements.noise = noise_with_truncation(project, whole, data, online);
   }
-  refuse_conflicts(project, features | features_of(data.measurements.noise));
+  refuse_conflicts(project, features | assimilation::features_of(data.measurements.noise));
   assimilation::Problem problem{
       std::move(data.observed),       data.measurements.noise,        std::move(priors),
       update_options(project.method), robust_options(project.method), std::nullopt};
@@ -216,7 +216,7 @@ UpdateSetup set_up_online(const Project& project) {
   return set_up(project, features, project.serve.takes_pictures());
 }
 
-forecast::Forecaster make_forecaster(const Project& project, const UpdateSetup& setup) {
+assimilation::Forecaster make_forecaster(const Project& project, const UpdateSetup& setup) {
   try {
     return {setup.model, setup.measurements.sensors, project.forecasts};
   } catch (const ProjectError& error) {
@@ -226,10 +226,10 @@ forecast::Forecaster make_forecaster(const Project& project, const UpdateSetup& 
   }
 }
 
-assimilation::PlausibleRange serve_limits(const Project& project, const UpdateSetup& setup) {
-  const reduction::Sensors& sensors = setup.measurements.sensors;
-  assimilation::PlausibleRange range(*setup.problem.model, sensors,
-                                     setup.measurements.noise.measurement().standard_deviations());
+likelihood::PlausibleRange serve_limits(const Project& project, const UpdateSetup& setup) {
+  const model::Sensors& sensors = setup.measurements.sensors;
+  likelihood::PlausibleRange range(*setup.problem.model, sensors,
+                                   setup.measurements.noise.measurement().standard_deviations());
   std::vector<std::string> names = {"displacement"};
   names.insert(names.end(), sensors.scalars.begin(), sensors.scalars.end());
   for (const auto& [name, limit] : project.serve.limits) {
@@ -243,18 +243,18 @@ assimilation::PlausibleRange serve_limits(const Project& project, const UpdateSe
   return range;
 }
 
-assimilation::NoiseModel with_truncation(const assimilation::NoiseModel& noise,
-                                         const reduction::ObservedTruncation& error) {
+likelihood::NoiseModel with_truncation(const likelihood::NoiseModel& noise,
+                                       const model::ObservedTruncation& error) {
   constexpr Eigen::Index k_max_rows = 1000;
-  assimilation::NoiseModel result = noise;
+  likelihood::NoiseModel result = noise;
   for (Eigen::Index i = 0; i < std::ssize(error.factors); ++i) {
     const Eigen::VectorXd left_out = error.left_out.col(i);
-    const assimilation::GaussianNoise& own = noise.at_step(i);
+    const likelihood::GaussianNoise& own = noise.at_step(i);
     result = result.with_step_error(i, error.factors[i]);
     if (left_out.isZero(0)) continue;
     if (own.is_independent()) {
       const Eigen::VectorXd variance = own.standard_deviations().cwiseAbs2() + left_out;
-      result = result.with_step(i, assimilation::GaussianNoise::independent(variance.cwiseSqrt()));
+      result = result.with_step(i, likelihood::GaussianNoise::independent(variance.cwiseSqrt()));
       continue;
     }
     if (noise.size() > k_max_rows)

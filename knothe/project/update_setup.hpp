@@ -6,20 +6,20 @@
 #include <span>
 #include <vector>
 
-#include "knothe/assimilation/data/measurements.hpp"
-#include "knothe/assimilation/data/plausible_range.hpp"
 #include "knothe/assimilation/update/problem.hpp"
+#include "knothe/likelihood/data/measurements.hpp"
+#include "knothe/likelihood/data/plausible_range.hpp"
+#include "knothe/model/observe/observed_model.hpp"
+#include "knothe/model/reduced/separated_model.hpp"
+#include "knothe/model/reduced/truncation_error.hpp"
 #include "knothe/project/picture_measurements.hpp"
 #include "knothe/project/project_file.hpp"
-#include "knothe/reduction/model/separated_model.hpp"
-#include "knothe/reduction/model/truncation_error.hpp"
-#include "knothe/reduction/observe/observed_model.hpp"
 
 namespace knothe::project {
 
 struct UpdateSetup {
-  reduction::SeparatedModel model;
-  assimilation::Measurements measurements;
+  model::SeparatedModel model;
+  likelihood::Measurements measurements;
   assimilation::Problem problem;                  ///< parameters in the project file's order
   std::vector<std::size_t> time_indices;          ///< of the observed model, per measured time
   std::shared_ptr<PictureMeasurements> pictures;  ///< where data come from pictures, one by one; else null
@@ -40,19 +40,19 @@ struct UpdateSetup {
 
 /// The separated model with its parameters in the project file's order. ProjectError where they are not the
 /// model's, or a prior has no mass in the model's box.
-[[nodiscard]] reduction::SeparatedModel load_model(const Project& project);
+[[nodiscard]] model::SeparatedModel load_model(const Project& project);
 
 /// The forecasts that the project asks for. ProjectError, at the table of the forecast, where the file is to
 /// blame; DataError for what the model lacks.
-[[nodiscard]] forecast::Forecaster make_forecaster(const Project& project, const UpdateSetup& setup);
+[[nodiscard]] assimilation::Forecaster make_forecaster(const Project& project, const UpdateSetup& setup);
 
 /// Which values the service takes for measurements: from [serve.limits], and the model where that says
 /// nothing. ProjectError where it names a series that is not measured.
-[[nodiscard]] assimilation::PlausibleRange serve_limits(const Project& project, const UpdateSetup& setup);
+[[nodiscard]] likelihood::PlausibleRange serve_limits(const Project& project, const UpdateSetup& setup);
 
 /// `noise` with the model's own error at each step of the data besides. UsageError where R is correlated and
 /// what the error's modes leave out would take a dense matrix of more than 1000 rows.
-[[nodiscard]] assimilation::NoiseModel with_truncation(const assimilation::NoiseModel& noise,
-                                                       const reduction::ObservedTruncation& error);
+[[nodiscard]] likelihood::NoiseModel with_truncation(const likelihood::NoiseModel& noise,
+                                                     const model::ObservedTruncation& error);
 
 }  // namespace knothe::project

@@ -4,12 +4,12 @@
 #include <cstdio>
 #include <exception>
 
-#include "knothe/assimilation/data/measurements.hpp"
+#include "knothe/likelihood/data/measurements.hpp"
 
 int main(int argc, char** argv) {
   if (argc != 3) return std::fputs("usage: data_to_csv DATA.h5 DATA.csv\n", stderr), 2;
   try {
-    const auto m = knothe::assimilation::read_measurements(argv[1]);
+    const auto m = knothe::likelihood::read_measurements(argv[1]);
     const auto std = m.noise.measurement().standard_deviations();
     std::FILE* out = std::fopen(argv[2], "w");
     if (!out) return std::perror(argv[2]), 5;

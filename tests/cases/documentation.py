@@ -200,11 +200,11 @@ class Test(Case):
         self.run_page(DOCS / "tutorials/live.md")
 
     # What the C++ blocks of a page of the explanation take for granted: headers, and the arguments that each block stands among.
-    CPP = {"transport": ("transport/solve/map_solver.hpp transport/solve/kl_objective.hpp transport/extras/map_distribution.hpp "
-                         "numerics/optimise/trust_region.hpp", "transport",
-                         ("sampling::LogDensity& target",
+    CPP = {"transport": ("posterior/map/solve/map_solver.hpp posterior/map/solve/kl_objective.hpp posterior/map/samples/map_distribution.hpp "
+                         "numerics/optimise/trust_region.hpp", "posterior",
+                         ("LogDensity& target",
                           "const Eigen::VectorXd& a, const Eigen::MatrixXd& x, const Eigen::MatrixXd& z",
-                          "sampling::LogDensity& target, const AffineMap& pre_map, Eigen::VectorXd& a",
+                          "LogDensity& target, const AffineMap& pre_map, Eigen::VectorXd& a",
                           "MapResult& result, int seed, const Eigen::MatrixXd& z, const Eigen::VectorXd& given")),
            "imaging": ("files/picture.hpp imaging/correlation/correlation_noise.hpp imaging/correlation/image_correlation.hpp", "imaging",
                        ("",))}

@@ -14,12 +14,12 @@
 #include <tuple>
 
 #include "knothe/files/hdf5.hpp"
-#include "knothe/reduction/compress/snapshots.hpp"
+#include "knothe/model/compress/snapshots.hpp"
 
 namespace {
 
-using knothe::reduction::Mesh;
-using knothe::reduction::Snapshots;
+using knothe::model::Mesh;
+using knothe::model::Snapshots;
 
 constexpr int k_cells_x = 8, k_cells_y = 2, k_cells_z = 1;
 constexpr double k_half_length = 0.12, k_height = 0.1, k_thickness = 0.05;
@@ -109,9 +109,9 @@ int main(int argc, char** argv) {
   const std::string folder = argv[1];
   try {
     Snapshots snapshots = make_snapshots(argc == 3 ? std::atoi(argv[2]) : 12);
-    knothe::reduction::write_snapshots(snapshots, folder + "/snapshots.h5");
+    knothe::model::write_snapshots(snapshots, folder + "/snapshots.h5");
     snapshots.mesh.reset();
-    knothe::reduction::write_snapshots(snapshots, folder + "/without_mesh.h5");
+    knothe::model::write_snapshots(snapshots, folder + "/without_mesh.h5");
     knothe::files::Hdf5Writer other(folder + "/other_schema.h5");
     other.integer_attribute("/", "schema_version", 2);
     other.close();

@@ -315,10 +315,10 @@ class Test(ServiceCase):
                 self.setUp()
                 service = self.serve()
                 self.expect_stored(service.send(self.data[0]), 0)
-                self.journal("-mark").unlink()
-                other = self.folder / "other"
+                other, new = self.folder / "other", self.folder / "new"
                 other.write_text("another file of the same user\n")
-                os.mkfifo(self.journal("-mark")) if replacement == "pipe" else self.journal("-mark").symlink_to(other)
+                os.mkfifo(new) if replacement == "pipe" else new.symlink_to(other)
+                os.replace(new, self.journal("-mark"))  # in one step: the service may be writing the mark of the datum before
                 self.expect_stored(service.send(self.data[1]), 1)
                 self.assertEqual(other.read_text(), "another file of the same user\n")
                 service.stop()

@@ -4,12 +4,12 @@
 
 #include <filesystem>
 
-#include "knothe/assimilation/data/synthetic_measurements.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/likelihood/data/synthetic_measurements.hpp"
+#include "knothe/model/compress/compression.hpp"
+#include "knothe/model/observe/observation_operator.hpp"
+#include "knothe/model/observe/scalar_observations.hpp"
 #include "knothe/offline/problem.hpp"
-#include "knothe/reduction/compress/compression.hpp"
-#include "knothe/reduction/observe/observation_operator.hpp"
-#include "knothe/reduction/observe/scalar_observations.hpp"
 
 namespace knothe::verdicts {
 
@@ -17,21 +17,21 @@ using Eigen::Index;
 
 namespace {
 
-std::vector<reduction::Axis> axes_with(int nodes) {
-  return {mechanics::parameter_axis("Y0", 216.0, 0.5, 1.5, nodes),
-          mechanics::parameter_axis("Ad", 2.25e-3, 0.5, 1.5, nodes)};
+std::vector<model::Axis> axes_with(int nodes) {
+  return {offline::parameter_axis("Y0", 216.0, 0.5, 1.5, nodes),
+          offline::parameter_axis("Ad", 2.25e-3, 0.5, 1.5, nodes)};
 }
 
-reduction::ScalarObservation force() {
-  reduction::ScalarObservation sensor;
+model::ScalarObservation force() {
+  model::ScalarObservation sensor;
   sensor.name = sensor.output = "reaction_force";
   return sensor;
 }
 
 }  // namespace
 
-mechanics::BeamProblem modelled_beam() {
-  mechanics::BeamProblem problem;
+offline::BeamProblem modelled_beam() {
+  offline::BeamProblem problem;
   problem.beam.element = 0.01;
   problem.solver.steps = static_cast<int>(k_steps);
   problem.reference.threshold = 216.0;
@@ -40,24 +40,23 @@ mechanics::BeamProblem modelled_beam() {
 }
 
 BeamBench::BeamBench() : axes_(axes_with(9)) {
-  assimilation::DofSelection selection;
+  likelihood::DofSelection selection;
   selection.x_range = {-0.12, 0.12};
-  const reduction::Dofs all = mechanics::dofs(mechanics::make_mesh(modelled_beam()));
-  for (const std::size_t dof : assimilation::choose_dofs(all, selection, 1))
+  const model::Dofs all = offline::dofs(offline::make_mesh(modelled_beam()));
+  for (const std::size_t dof : likelihood::choose_dofs(all, selection, 1))
     sensors_.add(all.point(dof), all.components[dof]);
 }
 
-mechanics::FullOrderModel& BeamBench::solver(const Structure& structure) {
+offline::FullOrderModel& BeamBench::solver(const Structure& structure) {
   const auto it = solvers_.find(structure.name);
   if (it != solvers_.end()) return it->second;
-  return solvers_.emplace(structure.name, mechanics::make_full_order_model(structure.problem)).first->second;
+  return solvers_.emplace(structure.name, offline::make_full_order_model(structure.problem)).first->second;
 }
 
-History BeamBench::at_sensors(const mechanics::FullOrderModel& model,
-                              const mechanics::FullOrderResult& result) const {
+History BeamBench::at_sensors(const offline::FullOrderModel& model,
+                              const offline::FullOrderResult& result) const {
   const auto& mesh = model.structure().mesh();
-  const reduction::ObservationOperator at(mechanics::dofs(mesh), mechanics::mesh_of(mesh), "the beam",
-                                          sensors_);
+  const model::ObservationOperator at(offline::dofs(mesh), offline::mesh_of(mesh), "the beam", sensors_);
   const auto times = static_cast<Index>(result.steps.size());
   const Eigen::Map<const Eigen::MatrixXd> field(
       result.displacement.data(), static_cast<Index>(result.displacement.size()) / times, times);
@@ -72,36 +71,34 @@ const History& BeamBench::history(const Structure& structure, const Eigen::Vecto
   const std::string key = fmt::format("{} {:.17g} {:.17g}", structure.name, p[0], p[1]);
   const auto it = histories_.find(key);
   if (it != histories_.end()) return it->second;
-  mechanics::FullOrderModel& model = solver(structure);
+  offline::FullOrderModel& model = solver(structure);
   const std::vector<double> values = {p[0], p[1]};
-  return histories_
-      .emplace(key, at_sensors(model, mechanics::run_at(model, structure.problem, axes_, values)))
+  return histories_.emplace(key, at_sensors(model, offline::run_at(model, structure.problem, axes_, values)))
       .first->second;
 }
 
 const Reduced& BeamBench::reduced(const Structure& structure, int nodes, std::size_t modes,
-                                  reduction::Form form) {
-  const std::string key = fmt::format("{} {} {} {}", structure.name, nodes, modes, reduction::to_text(form));
+                                  model::Form form) {
+  const std::string key = fmt::format("{} {} {} {}", structure.name, nodes, modes, model::to_text(form));
   if (const auto it = reduced_.find(key); it != reduced_.end()) return it->second;
   const std::string grid = fmt::format("{} {}", structure.name, nodes);
   if (!snapshots_.contains(grid)) {
     const auto folder =
         std::filesystem::temp_directory_path() / fmt::format("knothe_verdicts_{}", ::getpid());
-    simulator::RunGrid runs{axes_with(nodes), (folder / "parts").string(), -1, 2, true};
-    snapshots_.emplace(grid, mechanics::run_snapshots(structure.problem, runs).snapshots);
+    model::RunGrid runs{axes_with(nodes), (folder / "parts").string(), -1, 2, true};
+    snapshots_.emplace(grid, offline::run_snapshots(structure.problem, runs).snapshots);
     std::filesystem::remove_all(folder);
   }
-  reduction::CompressionOptions options;
+  model::CompressionOptions options;
   options.form = form;
   options.modes = modes;
-  const reduction::SeparatedModel model(reduction::compress(snapshots_.at(grid), options),
-                                        "the bench's model");
+  const model::SeparatedModel model(model::compress(snapshots_.at(grid), options), "the bench's model");
   Reduced result;
-  const auto displacements = reduction::observe(model, sensors_);
-  const std::vector<reduction::ScalarObservation> forces = {force()};
+  const auto displacements = model::observe(model, sensors_);
+  const std::vector<model::ScalarObservation> forces = {force()};
   result.with_force =
-      std::make_shared<const reduction::ObservedModel>(reduction::with_scalars(displacements, model, forces));
-  result.displacements = std::make_shared<const reduction::ObservedModel>(displacements);
+      std::make_shared<const model::ObservedModel>(model::with_scalars(displacements, model, forces));
+  result.displacements = std::make_shared<const model::ObservedModel>(displacements);
   const auto n = static_cast<Index>(sensors_.size());
   result.errors.space = Eigen::MatrixXd::Identity(n, n);
   const auto points = offline::points_in_box(axes_, 8, 271);

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "knothe/engine/engine.hpp"
-#include "knothe/mechanics/full_order/beam_simulator.hpp"
-#include "knothe/reduction/model/separated_model.hpp"
+#include "knothe/assimilation/engine/engine.hpp"
+#include "knothe/model/reduced/separated_model.hpp"
+#include "knothe/offline/full_order/beam_simulator.hpp"
 
 namespace knothe::verdicts {
 
@@ -20,18 +20,18 @@ inline constexpr std::size_t k_steps = 50;
 /// How a beam differs from the one that is modelled.
 struct Structure {
   std::string name;
-  mechanics::BeamProblem problem;
+  offline::BeamProblem problem;
 };
 
-[[nodiscard]] mechanics::BeamProblem modelled_beam();
+[[nodiscard]] offline::BeamProblem modelled_beam();
 
 /// Exact values at the sensors: 60 displacements and, last, the reaction force; 61 × steps.
 using History = Eigen::MatrixXd;
 
 /// A reduced model, its sensors, and its known errors at eight points off its grid.
 struct Reduced {
-  std::shared_ptr<const reduction::ObservedModel> displacements, with_force;
-  reduction::ObservedErrors errors;  ///< of the displacements
+  std::shared_ptr<const model::ObservedModel> displacements, with_force;
+  model::ObservedErrors errors;  ///< of the displacements
 };
 
 class BeamBench {
@@ -42,19 +42,19 @@ class BeamBench {
   [[nodiscard]] const History& history(const Structure& structure, const Eigen::Vector2d& p);
   /// Of a structure: `nodes` per parameter, `modes` (tree form), or canonical with so many.
   [[nodiscard]] const Reduced& reduced(const Structure& structure, int nodes, std::size_t modes,
-                                       reduction::Form form = reduction::Form::tree);
-  [[nodiscard]] const reduction::Sensors& sensors() const { return sensors_; }  ///< displacements
+                                       model::Form form = model::Form::tree);
+  [[nodiscard]] const model::Sensors& sensors() const { return sensors_; }  ///< displacements
 
  private:
-  [[nodiscard]] mechanics::FullOrderModel& solver(const Structure& structure);
-  [[nodiscard]] History at_sensors(const mechanics::FullOrderModel& model,
-                                   const mechanics::FullOrderResult& result) const;
+  [[nodiscard]] offline::FullOrderModel& solver(const Structure& structure);
+  [[nodiscard]] History at_sensors(const offline::FullOrderModel& model,
+                                   const offline::FullOrderResult& result) const;
 
-  std::vector<reduction::Axis> axes_;
-  reduction::Sensors sensors_;
-  std::map<std::string, mechanics::FullOrderModel> solvers_;
+  std::vector<model::Axis> axes_;
+  model::Sensors sensors_;
+  std::map<std::string, offline::FullOrderModel> solvers_;
   std::map<std::string, History> histories_;
-  std::map<std::string, reduction::Snapshots> snapshots_;
+  std::map<std::string, model::Snapshots> snapshots_;
   std::map<std::string, Reduced> reduced_;
 };
 

@@ -34,21 +34,21 @@ struct Answer {
 
 /// What is known of the reduced model's error off its grid, added to the noise: `truncation_error = "on"`
 /// without the part of the grid's own points.
-assimilation::NoiseModel with_model_error(const assimilation::NoiseModel& noise,
-                                          const reduction::ObservedErrors& errors,
-                                          const std::vector<std::size_t>& time_indices) {
+likelihood::NoiseModel with_model_error(const likelihood::NoiseModel& noise,
+                                        const model::ObservedErrors& errors,
+                                        const std::vector<std::size_t>& time_indices) {
   const Index k = errors.count(), n = errors.space.rows();
   std::vector<Eigen::MatrixXd> of_solutions(static_cast<std::size_t>(k), Eigen::MatrixXd(n, k_steps));
   for (std::size_t t = 0; t < k_steps; ++t)
     for (Index j = 0; j < k; ++j)
       of_solutions[static_cast<std::size_t>(j)].col(static_cast<Index>(t)) =
           errors.space * errors.coefficients[t].col(j);
-  reduction::TruncationError known;
-  reduction::set_moments(
-      of_solutions, std::vector<double>(static_cast<std::size_t>(k), 1.0 / static_cast<double>(k)), known);
+  model::TruncationError known;
+  model::set_moments(of_solutions,
+                     std::vector<double>(static_cast<std::size_t>(k), 1.0 / static_cast<double>(k)), known);
   const double distance = static_cast<double>(time_indices.back() - time_indices.front()) /
                           static_cast<double>(time_indices.size() - 1);
-  reduction::ObservedTruncation added{{}, Eigen::MatrixXd::Zero(n, std::ssize(time_indices))};
+  model::ObservedTruncation added{{}, Eigen::MatrixXd::Zero(n, std::ssize(time_indices))};
   for (const std::size_t t : time_indices) {
     const numerics::SymmetricEigen moments(
         std::max(1.0, known.persistence / distance) *
@@ -60,8 +60,8 @@ assimilation::NoiseModel with_model_error(const assimilation::NoiseModel& noise,
   return project::with_truncation(noise, added);
 }
 
-engine::EngineSetup setup_of(const BeamBench& bench, const Case& c) {
-  engine::EngineSetup setup;
+assimilation::EngineSetup setup_of(const BeamBench& bench, const Case& c) {
+  assimilation::EngineSetup setup;
   setup.model = c.force ? c.model->with_force : c.model->displacements;
   setup.sensors = bench.sensors();
   VectorXd std = VectorXd::Constant(c.values.rows(), c.noise);
@@ -69,7 +69,7 @@ engine::EngineSetup setup_of(const BeamBench& bench, const Case& c) {
     setup.sensors.scalars = {"reaction_force"};
     std[std.size() - 1] = k_force_noise;
   }
-  setup.noise = assimilation::NoiseModel::independent(std);
+  setup.noise = likelihood::NoiseModel::independent(std);
   setup.priors = priors();
   setup.watches_sensors = true;
   setup.known_errors = c.model->errors;
@@ -86,11 +86,11 @@ engine::EngineSetup setup_of(const BeamBench& bench, const Case& c) {
 }
 
 Answer answer_of(const BeamBench& bench, const Case& c) {
-  engine::Engine engine(setup_of(bench, c));
+  assimilation::Engine engine(setup_of(bench, c));
   RunVerdict run;
-  engine::StepResult last;
+  assimilation::StepResult last;
   for (Index t = 0; t < c.values.cols(); ++t) {
-    assimilation::Datum datum;
+    likelihood::Datum datum;
     datum.step = static_cast<std::size_t>(t);
     datum.time_index = c.time_indices[static_cast<std::size_t>(t)];
     datum.values = c.values.col(t);
@@ -125,12 +125,12 @@ BeamBench& shared_bench() {
 }
 
 TEST(Verdicts, OfWrongSituations) {
-  const int truths = count_of("KNOTHE_VERDICT_TRUTHS", testing::by_form(1, 2));
+  const int truths = count_of("KNOTHE_VERDICT_TRUTHS", knothe::test::by_form(1, 2));
   BeamBench& bench = shared_bench();
   int runs = 0, false_green = 0, with_cause = 0;
   std::vector<std::string> badly_named;
   std::vector<Situation> situations = wrong_situations();
-  if (!testing::long_form()) {  // each third: some of what is named, some of what is not
+  if (!knothe::test::long_form()) {  // each third: some of what is named, some of what is not
     std::vector<Situation> some;
     for (std::size_t i = 0; i < situations.size(); i += 3) some.push_back(situations[i]);
     situations = some;
@@ -178,7 +178,7 @@ TEST(Verdicts, OfWrongSituations) {
 }
 
 TEST(Verdicts, OfRightSituations) {
-  const int truths = count_of("KNOTHE_VERDICT_RIGHT", testing::by_form(4, 20));
+  const int truths = count_of("KNOTHE_VERDICT_RIGHT", knothe::test::by_form(4, 20));
   BeamBench& bench = shared_bench();
   int not_ok = 0;
   double us = 0;

@@ -73,7 +73,7 @@ Situation another_structure(const std::string& name, const Structure& structure,
           }};
 }
 
-Situation another_model(const std::string& name, int nodes, std::size_t modes, reduction::Form form) {
+Situation another_model(const std::string& name, int nodes, std::size_t modes, model::Form form) {
   return {name, std::nullopt, [=](BeamBench& bench, const Vector2d& truth, Random& random) {
             return case_of(bench.reduced(modelled(), nodes, modes, form),
                            measured(bench.history(modelled(), truth), random));
@@ -96,7 +96,7 @@ Situation shifted(const std::string& name, double steps) {
           }};
 }
 
-Structure structure(const std::string& name, const std::function<void(mechanics::BeamProblem&)>& change) {
+Structure structure(const std::string& name, const std::function<void(offline::BeamProblem&)>& change) {
   Structure s{name, modelled_beam()};
   change(s.problem);
   return s;
@@ -109,8 +109,8 @@ const Structure& modelled() {
   return structure;
 }
 
-std::vector<assimilation::Prior> priors() {
-  return {assimilation::Prior::normal(0.9, std::sqrt(0.2)), assimilation::Prior::normal(1.1, std::sqrt(0.2))};
+std::vector<posterior::Prior> priors() {
+  return {posterior::Prior::normal(0.9, std::sqrt(0.2)), posterior::Prior::normal(1.1, std::sqrt(0.2))};
 }
 
 Vector2d draw_truth(Random& random) {
@@ -133,7 +133,7 @@ Case right_case(BeamBench& bench, const Vector2d& truth, Random& random) {
 
 std::vector<Situation> wrong_situations() {
   static const Structure face =
-      structure("left face held", [](auto& p) { p.beam.left_support = mechanics::LeftSupport::left_face; });
+      structure("left face held", [](auto& p) { p.beam.left_support = offline::LeftSupport::left_face; });
   static const Structure stiff = structure("E 5 % higher", [](auto& p) { p.elastic.young_modulus *= 1.05; });
   static const Structure offset = structure("load 8 mm off", [](auto& p) { p.beam.load_offset = 0.008; });
   static const Structure deep = structure("notch 30 mm deep", [](auto& p) { p.beam.notch_depth = 0.03; });
@@ -177,9 +177,9 @@ std::vector<Situation> wrong_situations() {
   all.push_back(another_structure("another beam", deep));
   all.push_back(another_structure("another mesh", fine));
   all.push_back(another_structure("damage outside the model", crushed));
-  all.push_back(another_model("coarse in nodes", 5, 50, reduction::Form::tree));
-  all.push_back(another_model("coarse in modes", k_nodes, 3, reduction::Form::tree));
-  all.push_back(another_model("canonical, 3 modes", 9, 3, reduction::Form::canonical));
+  all.push_back(another_model("coarse in nodes", 5, 50, model::Form::tree));
+  all.push_back(another_model("coarse in modes", k_nodes, 3, model::Form::tree));
+  all.push_back(another_model("canonical, 3 modes", 9, 3, model::Form::canonical));
   all.push_back(changed("noise stated 0.3 times", MisfitCause::noise_level,
                         [](BeamBench&, Case& c, Random&) { c.noise *= 0.3; }));
   all.push_back(changed("noise stated 3 times", MisfitCause::noise_level,

@@ -35,7 +35,7 @@ struct Situation {
 [[nodiscard]] Eigen::Vector2d outside_the_box(const Eigen::Vector2d& truth);
 /// A truth drawn from the prior.
 [[nodiscard]] Eigen::Vector2d draw_truth(std::mt19937_64& random);
-[[nodiscard]] std::vector<assimilation::Prior> priors();
+[[nodiscard]] std::vector<posterior::Prior> priors();
 /// The structure that is modelled.
 [[nodiscard]] const Structure& modelled();
 

@@ -155,7 +155,7 @@ class SensorDesign::Progress {
   std::vector<Eigen::VectorXd> factor_;  ///< columns of the Cholesky factor
 };
 
-SensorDesign::SensorDesign(const reduction::ObservedModel& model, const NoiseModel& noise,
+SensorDesign::SensorDesign(const model::ObservedModel& model, const likelihood::NoiseModel& noise,
                            const Eigen::VectorXd& prior_std, const Eigen::MatrixXd& points,
                            Eigen::Matrix<double, Eigen::Dynamic, 3> positions)
     : dimension_(prior_std.size()), positions_(std::move(positions)) {
@@ -171,11 +171,11 @@ SensorDesign::SensorDesign(const reduction::ObservedModel& model, const NoiseMod
 
 SensorDesign::~SensorDesign() = default;
 
-void SensorDesign::add_point(const reduction::ObservedModel& model, const NoiseModel& noise,
+void SensorDesign::add_point(const model::ObservedModel& model, const likelihood::NoiseModel& noise,
                              const Eigen::VectorXd& prior_std, const Eigen::VectorXd& p) {
   const auto& functions = *model.functions;
   const Eigen::Index d = dimension_, l = model.space.cols(), n_t = std::ssize(model.core);
-  reduction::FunctionBatch batch;
+  model::FunctionBatch batch;
   batch.resize(1, d, functions.count(), 1);
   functions.evaluate(p.transpose(), 1, batch);
   Eigen::MatrixXd stack(l * d, n_t);  // C_t ∂w/∂p_a · std_a, all a below each other
@@ -253,7 +253,7 @@ Selection SensorDesign::along(const std::vector<Eigen::Index>& order) const {
   return selection;
 }
 
-Eigen::MatrixXd prior_points(const std::vector<Prior>& priors, Eigen::Index count) {
+Eigen::MatrixXd prior_points(const std::vector<posterior::Prior>& priors, Eigen::Index count) {
   const auto d = std::ssize(priors);
   Eigen::MatrixXd z = Eigen::MatrixXd::Zero(count, d);
   if (count > 1) z.bottomRows(count - 1) = numerics::sobol_normal_points(count - 1, d, 1);

@@ -14,9 +14,9 @@
 #include <memory>
 #include <vector>
 
-#include "knothe/assimilation/noise/noise_model.hpp"
-#include "knothe/assimilation/update/prior.hpp"
-#include "knothe/reduction/observe/observed_model.hpp"
+#include "knothe/likelihood/noise/noise_model.hpp"
+#include "knothe/model/observe/observed_model.hpp"
+#include "knothe/posterior/prior/prior.hpp"
 
 namespace knothe::assimilation {
 
@@ -33,7 +33,7 @@ class SensorDesign {
   /// choice, several draws of the prior for the expected information gain. `prior_std`: d. `positions`: of
   /// the dofs, n × 3, m. Noise of single steps is not taken into account. Errors: UsageError for noise in
   /// which a dof is not measured at all.
-  SensorDesign(const reduction::ObservedModel& model, const NoiseModel& noise,
+  SensorDesign(const model::ObservedModel& model, const likelihood::NoiseModel& noise,
                const Eigen::VectorXd& prior_std, const Eigen::MatrixXd& points,
                Eigen::Matrix<double, Eigen::Dynamic, 3> positions);
   ~SensorDesign();
@@ -50,7 +50,7 @@ class SensorDesign {
  private:
   struct Covariance;
   class Progress;
-  void add_point(const reduction::ObservedModel& model, const NoiseModel& noise,
+  void add_point(const model::ObservedModel& model, const likelihood::NoiseModel& noise,
                  const Eigen::VectorXd& prior_std, const Eigen::VectorXd& p);
 
   Eigen::Index dimension_;
@@ -63,6 +63,6 @@ class SensorDesign {
 };
 
 /// `count` quasi-random draws of the priors, one a row, the first their medians.
-[[nodiscard]] Eigen::MatrixXd prior_points(const std::vector<Prior>& priors, Eigen::Index count);
+[[nodiscard]] Eigen::MatrixXd prior_points(const std::vector<posterior::Prior>& priors, Eigen::Index count);
 
 }  // namespace knothe::assimilation

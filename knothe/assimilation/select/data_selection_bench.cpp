@@ -9,7 +9,7 @@
 #include <ctime>
 
 #include "knothe/assimilation/select/data_selection.hpp"
-#include "knothe/assimilation/testing/bench_models.hpp"
+#include "knothe/likelihood/testing/bench_models.hpp"
 
 namespace {
 
@@ -25,9 +25,10 @@ double cpu_ms() {
 void run(const char* what, int side, int repeats, bool correlated, Eigen::Index points) {
   const Eigen::Index n = 2 * side * side;
   std::mt19937_64 random(1);
-  const auto model = bench::large_model(n, 30, 30, 100, random);
+  const auto model = likelihood::bench::large_model(n, 30, 30, 100, random);
   NoiseModel noise = NoiseModel::independent(Eigen::VectorXd::Ones(n));
-  if (correlated) noise = NoiseModel::correlated(bench::correlation_matrix(side, 1)).with_shared_reference(1);
+  if (correlated)
+    noise = NoiseModel::correlated(likelihood::bench::correlation_matrix(side, 1)).with_shared_reference(1);
   const std::vector<Prior> priors(2, Prior::normal(1, 0.3).truncated(0.5, 1.5, "p"));
   Eigen::Matrix<double, Eigen::Dynamic, 3> positions(n, 3);
   for (Eigen::Index i = 0; i < n; ++i)

@@ -8,19 +8,19 @@
 #include <numeric>
 
 #include "knothe/assimilation/select/sensitivity.hpp"
-#include "knothe/assimilation/testing/test_models.hpp"
+#include "knothe/likelihood/testing/test_models.hpp"
 
 namespace knothe::assimilation {
 namespace {
 
-using test::CurvedFunctions;
-using test::LinearFunctions;
-using test::random_model;
+using likelihood::test::CurvedFunctions;
+using likelihood::test::LinearFunctions;
+using likelihood::test::random_model;
 using Indices = std::vector<Eigen::Index>;
 
 constexpr Eigen::Index k_dofs = 9, k_steps = 5;
 
-NoiseModel chain(double scale) {
+likelihood::NoiseModel chain(double scale) {
   std::vector<Eigen::Triplet<double>> entries;
   for (int i = 0; i < k_dofs; ++i) {
     entries.emplace_back(i, i, scale * (2.2 + 0.1 * i));
@@ -30,7 +30,7 @@ NoiseModel chain(double scale) {
   }
   Eigen::SparseMatrix<double> m(k_dofs, k_dofs);
   m.setFromTriplets(entries.begin(), entries.end());
-  return NoiseModel::correlated(m);
+  return likelihood::NoiseModel::correlated(m);
 }
 
 Eigen::Matrix<double, Eigen::Dynamic, 3> in_a_row() {
@@ -41,7 +41,7 @@ Eigen::Matrix<double, Eigen::Dynamic, 3> in_a_row() {
 }
 
 /// I + F of the dofs `s`, written out: all steps at once, dense covariance R_ss ⊗ T.
-Eigen::MatrixXd dense_information(const reduction::ObservedModel& model, const NoiseModel& noise,
+Eigen::MatrixXd dense_information(const model::ObservedModel& model, const likelihood::NoiseModel& noise,
                                   const Eigen::VectorXd& prior_std, const Eigen::VectorXd& p,
                                   const Indices& s) {
   const auto n = static_cast<Eigen::Index>(s.size());
@@ -59,7 +59,7 @@ Eigen::MatrixXd dense_information(const reduction::ObservedModel& model, const N
   return Eigen::MatrixXd::Identity(p.size(), p.size()) + j.transpose() * covariance.llt().solve(j);
 }
 
-double mean_half_log_det(const reduction::ObservedModel& model, const NoiseModel& noise,
+double mean_half_log_det(const model::ObservedModel& model, const likelihood::NoiseModel& noise,
                          const Eigen::VectorXd& prior_std, const Eigen::MatrixXd& points, const Indices& s) {
   double sum = 0;
   for (Eigen::Index i = 0; i < points.rows(); ++i) {
@@ -71,7 +71,7 @@ double mean_half_log_det(const reduction::ObservedModel& model, const NoiseModel
 
 struct Case {
   const char* name;
-  NoiseModel noise;
+  likelihood::NoiseModel noise;
   Eigen::MatrixXd points;
 };
 
@@ -79,7 +79,8 @@ std::vector<Case> cases() {
   const Eigen::MatrixXd one = Eigen::RowVector2d(1.0, 0.9);
   Eigen::MatrixXd several(3, 2);
   several << 1.0, 0.9, 0.7, 1.3, 1.4, 0.6;
-  const NoiseModel independent = NoiseModel::independent(Eigen::VectorXd::LinSpaced(k_dofs, 0.3, 0.6));
+  const likelihood::NoiseModel independent =
+      likelihood::NoiseModel::independent(Eigen::VectorXd::LinSpaced(k_dofs, 0.3, 0.6));
   return {{"independent", independent, one},
           {"correlated", chain(9), one},
           {"shared reference", chain(9).with_shared_reference(1), one},
@@ -87,7 +88,8 @@ std::vector<Case> cases() {
 }
 
 TEST(DataSelection, GreedyChoiceIsThatOfBruteForce) {
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), k_dofs, 4, k_steps, 3);
+  const auto model = likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(),
+                                                    k_dofs, 4, k_steps, 3);
   const Eigen::Vector2d prior_std(0.2, 0.3);
   for (const Case& c : cases()) {
     const SensorDesign design(*model, c.noise, prior_std, c.points, in_a_row());
@@ -117,7 +119,8 @@ TEST(DataSelection, GreedyChoiceIsThatOfBruteForce) {
 }
 
 TEST(DataSelection, AllDofsOneByOneAreAllDofsAtOnce) {
-  const auto model = random_model(std::make_shared<LinearFunctions>(3), k_dofs, 4, k_steps, 3);
+  const auto model = likelihood::test::random_model(std::make_shared<likelihood::test::LinearFunctions>(3),
+                                                    k_dofs, 4, k_steps, 3);
   const Eigen::Vector3d prior_std(0.2, 0.3, 1);
   Indices all(k_dofs);
   std::iota(all.begin(), all.end(), Eigen::Index{0});
@@ -135,7 +138,8 @@ TEST(DataSelection, AllDofsOneByOneAreAllDofsAtOnce) {
 
 TEST(DataSelection, GreedyIsNearTheBestOfAllSubsets) {
   // (1 − 1/e) of the optimum is guaranteed for independent noise (submodular); here it is far better.
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), k_dofs, 4, k_steps, 3);
+  const auto model = likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(),
+                                                    k_dofs, 4, k_steps, 3);
   const Eigen::Vector2d prior_std(0.2, 0.3);
   const Case c = cases()[0];
   double best = 0;
@@ -151,7 +155,8 @@ TEST(DataSelection, GreedyIsNearTheBestOfAllSubsets) {
 }
 
 TEST(DataSelection, DistanceIsKept) {
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), k_dofs, 4, k_steps, 3);
+  const auto model = likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(),
+                                                    k_dofs, 4, k_steps, 3);
   const SensorDesign design(*model, chain(9), Eigen::Vector2d(0.2, 0.3), Eigen::RowVector2d(1, 1),
                             in_a_row());
   const Selection selection = design.choose(100, 3.0);
@@ -165,7 +170,8 @@ TEST(DataSelection, DistanceIsKept) {
 }
 
 TEST(Sensitivity, FieldsAgreeWithFiniteDifferences) {
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), k_dofs, 4, k_steps, 3);
+  const auto model = likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(),
+                                                    k_dofs, 4, k_steps, 3);
   const Eigen::Vector2d p(1.1, 0.8);
   const double h = 1e-5;
   const Eigen::MatrixXd s = sensitivity_fields(*model, p, 2);

@@ -25,7 +25,7 @@ VectorXd linear_posterior_shift(const MatrixXd& information, const VectorXd& pri
   return (posterior_std.cwiseInverse().asDiagonal() * shift).cwiseAbs().colwise().maxCoeff().transpose();
 }
 
-ExpectedShift::ExpectedShift(std::vector<Prior> priors, Index truths, std::uint64_t seed)
+ExpectedShift::ExpectedShift(std::vector<posterior::Prior> priors, Index truths, std::uint64_t seed)
     : priors_(std::move(priors)), variance_(std::ssize(priors_)) {
   if (priors_.empty() || truths < 1)
     throw UsageError("expected shift: at least one parameter and one truth are needed");

@@ -5,8 +5,8 @@
 #include <functional>
 #include <vector>
 
-#include "knothe/assimilation/update/prior.hpp"
 #include "knothe/numerics/functions/sparse_interpolation.hpp"
+#include "knothe/posterior/prior/prior.hpp"
 
 namespace knothe::assimilation {
 
@@ -26,7 +26,8 @@ namespace knothe::assimilation {
 class ExpectedShift {
  public:
   /// `truths` Sobol points of the priors, which are truncated to the box. `prior_variance` is theirs.
-  explicit ExpectedShift(std::vector<Prior> priors, Eigen::Index truths = 64, std::uint64_t seed = 5);
+  explicit ExpectedShift(std::vector<posterior::Prior> priors, Eigen::Index truths = 64,
+                         std::uint64_t seed = 5);
 
   /// Points of the priors in the same way, n × d.
   [[nodiscard]] Eigen::MatrixXd draw(Eigen::Index n, std::uint64_t seed) const;
@@ -53,7 +54,7 @@ class ExpectedShift {
     Eigen::VectorXd basis;        ///< H_ν
   };
 
-  std::vector<Prior> priors_;
+  std::vector<posterior::Prior> priors_;
   Eigen::VectorXd variance_;
   std::vector<Truth> truths_;
   const numerics::SparseInterpolation* interpolation_ = nullptr;

@@ -124,8 +124,9 @@ std::size_t min_runs(const RunSelectionOptions& options, std::size_t parameters)
   return static_cast<std::size_t>(options.held_out) + 2 * parameters + 1;
 }
 
-SelectedRuns select_runs(const std::vector<Prior>& priors, const VectorXd& lower, const VectorXd& upper,
-                         const RunSelectionOptions& options, const Predictions& predictions,
+SelectedRuns select_runs(const std::vector<posterior::Prior>& priors, const VectorXd& lower,
+                         const VectorXd& upper, const RunSelectionOptions& options,
+                         const Predictions& predictions,
                          const std::function<void(const SelectedRuns&)>& told) {
   check(options, priors.size());
   ExpectedShift shift(priors);

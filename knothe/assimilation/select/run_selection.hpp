@@ -50,9 +50,9 @@ struct SelectedRuns {
 /// UsageError for a shift that is not positive, or fewer runs than the held-out ones and two for each
 /// parameter; NumericalError where there is no solution at half of the held-out points, in the middle of the
 /// box or at the end of an axis that begins in the middle.
-[[nodiscard]] SelectedRuns select_runs(const std::vector<Prior>& priors, const Eigen::VectorXd& lower,
-                                       const Eigen::VectorXd& upper, const RunSelectionOptions& options,
-                                       const Predictions& predictions,
+[[nodiscard]] SelectedRuns select_runs(const std::vector<posterior::Prior>& priors,
+                                       const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
+                                       const RunSelectionOptions& options, const Predictions& predictions,
                                        const std::function<void(const SelectedRuns&)>& told = {});
 
 /// How many runs more it will take to the wanted shift, if it goes on falling with a power of their number as

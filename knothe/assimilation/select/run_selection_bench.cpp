@@ -12,9 +12,9 @@
 #include <random>
 
 #include "knothe/assimilation/select/run_selection.hpp"
+#include "knothe/model/grid/sparse_solutions.hpp"
 #include "knothe/numerics/functions/cubic_spline.hpp"
 #include "knothe/numerics/functions/degree_growth.hpp"
-#include "knothe/reduction/grid/sparse_solutions.hpp"
 
 namespace {
 
@@ -105,15 +105,15 @@ std::string model_grid(const SelectedRuns& selected) {
   const auto d = static_cast<std::size_t>(selected.interpolation.dimension());
   ExpectedShift shift(std::vector<Prior>(d, Prior::uniform(0, 1)));
   shift.set(selected.interpolation, selected.surpluses);
-  std::vector<reduction::Axis> axes(d);
-  for (reduction::Axis& axis : axes) axis.nodes = {0, 1};
-  reduction::choose_nodes(selected.interpolation,
-                          {.error = [&](const auto& missed) { return shift.of_factors(missed); },
-                           .allowed = 0.3 * k_wanted / std::sqrt(static_cast<double>(d))},
-                          axes);
+  std::vector<model::Axis> axes(d);
+  for (model::Axis& axis : axes) axis.nodes = {0, 1};
+  model::choose_nodes(selected.interpolation,
+                      {.error = [&](const auto& missed) { return shift.of_factors(missed); },
+                       .allowed = 0.3 * k_wanted / std::sqrt(static_cast<double>(d))},
+                      axes);
   std::size_t points = 1;
   std::vector<std::size_t> nodes;
-  for (const reduction::Axis& axis : axes) {
+  for (const model::Axis& axis : axes) {
     nodes.push_back(axis.nodes.size());
     points *= axis.nodes.size();
   }

@@ -56,7 +56,7 @@ TEST(ExpectedShift, IsTheShiftOfADenseQuadrature) {
     values.row(n) =
         decay(interpolation.node(interpolation.indices()[static_cast<std::size_t>(n)])).transpose();
   const MatrixXd surpluses = interpolation.surpluses(values);
-  ExpectedShift expected({Prior::uniform(0, 1), Prior::uniform(0, 1)});
+  ExpectedShift expected({posterior::Prior::uniform(0, 1), posterior::Prior::uniform(0, 1)});
   expected.set(interpolation, surpluses);
   const Function model = [&](const VectorXd& p) -> VectorXd {
     return surpluses.transpose() * interpolation.basis(p);
@@ -105,8 +105,8 @@ Predictions from(const Function& f, std::size_t* count = nullptr) {
   };
 }
 
-std::vector<Prior> uniform_priors(std::size_t d) {
-  return std::vector<Prior>(d, Prior::uniform(0, 1));
+std::vector<posterior::Prior> uniform_priors(std::size_t d) {
+  return std::vector<posterior::Prior>(d, posterior::Prior::uniform(0, 1));
 }
 
 TEST(RunSelection, StopsAtTheShiftWithFewRunsWhereOneParameterIsNearlyLinear) {

@@ -83,9 +83,9 @@ const char* name_of(Criterion criterion) {
   return "information gain";
 }
 
-RankedDof describe(const reduction::ObservedModel& model, const Eigen::VectorXd& at,
+RankedDof describe(const model::ObservedModel& model, const Eigen::VectorXd& at,
                    const Eigen::VectorXd& prior_std, double noise_std, Eigen::Index dof) {
-  reduction::ObservedModel one = model;
+  model::ObservedModel one = model;
   one.space = model.space.row(dof);
   one.lift = model.lift.row(dof);
   RankedDof ranked;
@@ -106,7 +106,7 @@ RankedDof describe(const reduction::ObservedModel& model, const Eigen::VectorXd&
 
 }  // namespace
 
-double standard_deviation(const Prior& prior) {
+double standard_deviation(const posterior::Prior& prior) {
   // Midpoints of equal mass: the integrand is smooth in u = Φ(z) and bounded where the prior is truncated.
   constexpr int k_points = 4096;
   double mean = 0, square = 0;
@@ -118,8 +118,8 @@ double standard_deviation(const Prior& prior) {
   return std::sqrt(std::max(0.0, square - mean * mean));
 }
 
-SelectionStudy study_selection(const reduction::ObservedModel& model, const reduction::ObservedModel& whole,
-                               const NoiseModel& noise, const SelectionProblem& problem) {
+SelectionStudy study_selection(const model::ObservedModel& model, const model::ObservedModel& whole,
+                               const likelihood::NoiseModel& noise, const SelectionProblem& problem) {
   using Clock = std::chrono::steady_clock;
   const Eigen::Index d = problem.at.size(), n = model.observations();
   const std::size_t count = std::min(problem.count, static_cast<std::size_t>(n));

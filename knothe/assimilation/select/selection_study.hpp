@@ -19,7 +19,7 @@ struct SelectionProblem {
   std::size_t count = 30;
   double min_distance = 0;                             ///< m
   Eigen::Matrix<double, Eigen::Dynamic, 3> positions;  ///< of the candidates, m
-  std::vector<Prior> priors;                           ///< truncated
+  std::vector<posterior::Prior> priors;                ///< truncated
   Eigen::VectorXd at;                                  ///< p where the model is linearised
   std::size_t step = 0;                                ///< model time index of the paper's criteria
   Eigen::Index gain_points = 8;                        ///< draws of the prior for the information gain
@@ -62,8 +62,9 @@ struct SelectionStudy {
 
 /// `model` has the steps that are or will be measured; `whole` all steps of the model. Prior stds are those
 /// of the truncated priors.
-[[nodiscard]] SelectionStudy study_selection(const reduction::ObservedModel& model,
-                                             const reduction::ObservedModel& whole, const NoiseModel& noise,
+[[nodiscard]] SelectionStudy study_selection(const model::ObservedModel& model,
+                                             const model::ObservedModel& whole,
+                                             const likelihood::NoiseModel& noise,
                                              const SelectionProblem& problem);
 
 /// "1st of 30: mostly Y0 …": what a chosen dof tells, in words. `names`: of the parameters.
@@ -71,6 +72,6 @@ struct SelectionStudy {
                                   const std::vector<std::string>& names);
 
 /// Standard deviation of a (truncated) prior, by quadrature in z.
-[[nodiscard]] double standard_deviation(const Prior& prior);
+[[nodiscard]] double standard_deviation(const posterior::Prior& prior);
 
 }  // namespace knothe::assimilation

@@ -6,9 +6,9 @@
 namespace knothe::assimilation {
 namespace {
 
-reduction::FunctionBatch slopes_at(const reduction::ObservedModel& model, const Eigen::VectorXd& p) {
+model::FunctionBatch slopes_at(const model::ObservedModel& model, const Eigen::VectorXd& p) {
   const auto& functions = *model.functions;
-  reduction::FunctionBatch batch;
+  model::FunctionBatch batch;
   batch.resize(1, functions.dimension(), functions.count(), 1);
   functions.evaluate(p.transpose(), 1, batch);
   return batch;
@@ -16,16 +16,16 @@ reduction::FunctionBatch slopes_at(const reduction::ObservedModel& model, const 
 
 }  // namespace
 
-Eigen::MatrixXd sensitivity_fields(const reduction::ObservedModel& model, const Eigen::VectorXd& p,
+Eigen::MatrixXd sensitivity_fields(const model::ObservedModel& model, const Eigen::VectorXd& p,
                                    std::size_t step) {
-  const reduction::FunctionBatch batch = slopes_at(model, p);
+  const model::FunctionBatch batch = slopes_at(model, p);
   Eigen::MatrixXd coefficients(model.space.cols(), p.size());
   for (Eigen::Index j = 0; j < p.size(); ++j)
     coefficients.col(j) = model.core[step] * batch.first[j].row(0).transpose();
   return model.space * coefficients;
 }
 
-Eigen::MatrixXd sensitivity_over_time(const reduction::ObservedModel& model, const Eigen::VectorXd& p) {
+Eigen::MatrixXd sensitivity_over_time(const model::ObservedModel& model, const Eigen::VectorXd& p) {
   Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(model.observations(), p.size());
   for (std::size_t t = 0; t < model.time.size(); ++t) sum += sensitivity_fields(model, p, t).cwiseAbs2();
   return sum.cwiseSqrt();

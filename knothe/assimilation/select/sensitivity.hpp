@@ -3,18 +3,18 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "knothe/assimilation/noise/noise_model.hpp"
-#include "knothe/reduction/observe/observed_model.hpp"
+#include "knothe/likelihood/noise/noise_model.hpp"
+#include "knothe/model/observe/observed_model.hpp"
 
 namespace knothe::assimilation {
 
 /// S_j = ∂y/∂p_j at the observed dofs (Eq. 28), n × d, at parameters `p` (d, inside the box) and model time
 /// index `step`; exact, from the derivatives of the parameter functions.
-[[nodiscard]] Eigen::MatrixXd sensitivity_fields(const reduction::ObservedModel& model,
-                                                 const Eigen::VectorXd& p, std::size_t step);
+[[nodiscard]] Eigen::MatrixXd sensitivity_fields(const model::ObservedModel& model, const Eigen::VectorXd& p,
+                                                 std::size_t step);
 
 /// √(Σ_t S_j²) over all model times, n × d: what the mean time alone may miss.
-[[nodiscard]] Eigen::MatrixXd sensitivity_over_time(const reduction::ObservedModel& model,
+[[nodiscard]] Eigen::MatrixXd sensitivity_over_time(const model::ObservedModel& model,
                                                     const Eigen::VectorXd& p);
 
 /// How the sensitivities of several parameters make one number (§5.2; the product is the "cross-sensitivity"

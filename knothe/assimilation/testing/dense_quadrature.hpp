@@ -9,7 +9,7 @@
 #include <limits>
 #include <vector>
 
-#include "knothe/sampling/log_density.hpp"
+#include "knothe/posterior/log_density.hpp"
 
 namespace knothe::assimilation::test {
 
@@ -21,7 +21,7 @@ class DenseQuadrature {
   using Transform = std::function<double(Eigen::Index k, double z)>;
 
   /// `points` per axis, on the part of |z| ≤ 8.5 where the log-density is within 45 of its maximum.
-  DenseQuadrature(sampling::LogDensity& target, const Transform& transform, Eigen::Index points = 301)
+  DenseQuadrature(posterior::LogDensity& target, const Transform& transform, Eigen::Index points = 301)
       : target_(target), d_(target.dimension()), n_(points) {
     first_ = Eigen::VectorXd::Constant(d_, -8.5);
     last_ = -first_;
@@ -114,7 +114,7 @@ class DenseQuadrature {
   void for_each_node(const Body& body) const {
     Eigen::MatrixXd z(n_, d_);
     for (Eigen::Index i = 0; i < n_; ++i) z(i, d_ - 1) = node(d_ - 1, i);
-    sampling::LogDensityBatch batch;
+    posterior::LogDensityBatch batch;
     batch.resize(n_, d_, 0);
     std::array<Eigen::Index, 3> index{};
     const Eigen::Index rows = d_ == 1 ? 1 : d_ == 2 ? n_ : n_ * n_;
@@ -189,7 +189,7 @@ class DenseQuadrature {
     }
   }
 
-  sampling::LogDensity& target_;
+  posterior::LogDensity& target_;
   Eigen::Index d_, n_;
   Eigen::VectorXd first_, last_;
   double maximum_ = 0, total_ = 0;

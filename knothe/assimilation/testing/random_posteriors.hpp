@@ -16,13 +16,13 @@
 #include <string>
 #include <vector>
 
-#include "knothe/assimilation/noise/noise_model.hpp"
 #include "knothe/assimilation/testing/dense_quadrature.hpp"
-#include "knothe/assimilation/update/collapsed_posterior.hpp"
-#include "knothe/assimilation/update/datum_projector.hpp"
-#include "knothe/assimilation/update/prior_of_model.hpp"
-#include "knothe/reduction/model/spline_functions.hpp"
-#include "knothe/reduction/observe/observed_model.hpp"
+#include "knothe/likelihood/noise/noise_model.hpp"
+#include "knothe/likelihood/step/collapsed_posterior.hpp"
+#include "knothe/likelihood/step/datum_projector.hpp"
+#include "knothe/likelihood/step/prior_of_model.hpp"
+#include "knothe/model/observe/observed_model.hpp"
+#include "knothe/model/reduced/spline_functions.hpp"
 
 namespace knothe::assimilation::test {
 
@@ -65,12 +65,12 @@ class RandomPosterior {
   }
 
   std::string name;
-  std::shared_ptr<const reduction::ObservedModel> model;
+  std::shared_ptr<const model::ObservedModel> model;
 
   [[nodiscard]] Eigen::Index steps() const { return steps_; }
-  [[nodiscard]] NoiseModel noise() const { return NoiseModel::independent(std_); }
-  [[nodiscard]] std::vector<Prior> priors() const {
-    return std::vector<Prior>(static_cast<std::size_t>(dimension_), prior());
+  [[nodiscard]] likelihood::NoiseModel noise() const { return likelihood::NoiseModel::independent(std_); }
+  [[nodiscard]] std::vector<posterior::Prior> priors() const {
+    return std::vector<posterior::Prior>(static_cast<std::size_t>(dimension_), prior());
   }
   [[nodiscard]] Eigen::VectorXd datum(Eigen::Index step) const { return data_.col(step); }
 
@@ -116,7 +116,7 @@ class RandomPosterior {
 
   /// The same on one grid over all parameters, of which there are three at most.
   [[nodiscard]] Answer exact_on_one_grid(Eigen::Index step) const {
-    const auto transform = truncated_to_box(*model, priors());
+    const auto transform = likelihood::truncated_to_box(*model, priors());
     const auto value = [&](Eigen::Index k, double z) {
       return transform->prior(k).from_standard_normal(z).value;
     };
@@ -127,7 +127,7 @@ class RandomPosterior {
 
  private:
   static constexpr Eigen::Index k_max_hard_blocks = 2, k_nodes = 41;
-  static Prior prior() { return Prior::normal(0, 1.5); }
+  static posterior::Prior prior() { return posterior::Prior::normal(0, 1.5); }
   double uniform(double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random_);
   }
@@ -144,14 +144,16 @@ class RandomPosterior {
   }
 
   /// The collapsed posterior of a model of the rows from `row` on, given the data of steps 0 … step.
-  std::unique_ptr<CollapsedLogDensity> target_of(const std::shared_ptr<const reduction::ObservedModel>& some,
-                                                 const std::shared_ptr<const PriorTransform>& transform,
-                                                 Eigen::Index row, Eigen::Index step) const {
+  std::unique_ptr<likelihood::CollapsedLogDensity> target_of(
+      const std::shared_ptr<const model::ObservedModel>& some,
+      const std::shared_ptr<const posterior::PriorTransform>& transform, Eigen::Index row,
+      Eigen::Index step) const {
     const Eigen::Index rows = some->space.rows();
-    DatumProjector projector(some, NoiseModel::independent(std_.segment(row, rows)), medians(*transform));
-    auto target =
-        std::make_unique<CollapsedLogDensity>(some->functions, transform, projector.central_functions());
-    StepForm sum = StepForm::zero(some->functions->count()), form;
+    likelihood::DatumProjector projector(some, likelihood::NoiseModel::independent(std_.segment(row, rows)),
+                                         likelihood::medians(*transform));
+    auto target = std::make_unique<likelihood::CollapsedLogDensity>(some->functions, transform,
+                                                                    projector.central_functions());
+    likelihood::StepForm sum = likelihood::StepForm::zero(some->functions->count()), form;
     for (Eigen::Index t = 0; t <= step; ++t) {
       projector.project(static_cast<std::size_t>(t), static_cast<std::size_t>(t),
                         data_.col(t).segment(row, rows), form);
@@ -164,8 +166,8 @@ class RandomPosterior {
   Part part(const Block& block, Eigen::Index row, Eigen::Index step, Answer& answer) const {
     const auto d = static_cast<Eigen::Index>(block.truth.size());
     const auto model_of_block = make_model({block}, {});
-    const auto transform =
-        truncated_to_box(*model_of_block, std::vector<Prior>(static_cast<std::size_t>(d), prior()));
+    const auto transform = likelihood::truncated_to_box(
+        *model_of_block, std::vector<posterior::Prior>(static_cast<std::size_t>(d), prior()));
     const auto target = target_of(model_of_block, transform, row, step);
     const auto value = [&](Eigen::Index k, double z) {
       return transform->prior(k).from_standard_normal(z).value;
@@ -302,8 +304,8 @@ class RandomPosterior {
   }
 
   /// One row for each observation of each block, then one for each link.
-  std::shared_ptr<const reduction::ObservedModel> make_model(const std::vector<Block>& blocks,
-                                                             const std::vector<double>& links) const {
+  std::shared_ptr<const model::ObservedModel> make_model(const std::vector<Block>& blocks,
+                                                         const std::vector<double>& links) const {
     std::size_t d = 0, n = 0, r = 0;
     for (const Block& block : blocks) {
       d += block.truth.size(), n += block.observations.size();
@@ -315,7 +317,7 @@ class RandomPosterior {
     for (std::size_t i = 0; i < nodes.size(); ++i)
       nodes[i] = k_half_width * (2.0 * static_cast<double>(i) / (k_nodes - 1) - 1);
     std::vector<std::vector<double>> values(d, std::vector<double>(r * k_nodes, 1.0));
-    auto result = std::make_shared<reduction::ObservedModel>();
+    auto result = std::make_shared<model::ObservedModel>();
     result->space.setZero(static_cast<Eigen::Index>(n), static_cast<Eigen::Index>(r));
     std::size_t row = 0, k = 0;
     const auto add = [&](const Term& term, std::size_t parameter) {
@@ -340,7 +342,7 @@ class RandomPosterior {
     }
     const std::vector<std::vector<double>> axes(d, nodes);
     result->functions =
-        std::make_shared<reduction::CanonicalFunctions>(axes, values, static_cast<Eigen::Index>(r));
+        std::make_shared<model::CanonicalFunctions>(axes, values, static_cast<Eigen::Index>(r));
     for (std::size_t a = 0; a < d; ++a) result->parameters.push_back("p" + std::to_string(a));
     for (Eigen::Index t = 0; t < steps_; ++t) {
       result->time.push_back(static_cast<double>(t));

@@ -3,13 +3,13 @@
 #include <cmath>
 #include <vector>
 
-#include "knothe/assimilation/update/prior.hpp"
+#include "knothe/posterior/prior/prior.hpp"
 
 namespace knothe::assimilation::test {
 
 /// Of Rubio et al. 2019, §6: normal, variance 0.2.
-inline std::vector<Prior> papers_priors() {
-  return {Prior::normal(0.9, std::sqrt(0.2)), Prior::normal(1.1, std::sqrt(0.2))};
+inline std::vector<posterior::Prior> papers_priors() {
+  return {posterior::Prior::normal(0.9, std::sqrt(0.2)), posterior::Prior::normal(1.1, std::sqrt(0.2))};
 }
 
 }  // namespace knothe::assimilation::test

@@ -147,23 +147,24 @@ bool has(const Features& features, Feature feature) {
 
 }  // namespace
 
-Features features_of(const NoiseModel& noise) {
+Features features_of(const likelihood::NoiseModel& noise) {
   Features features;
   const bool of_dofs = noise.shared_reference() > 0 || noise.offset_std() > 0;
   add(features, F::dependent,
-      !noise.measurement().is_independent() || links_steps(noise) || noise.has_step_errors());
-  add(features, F::shared, links_steps(noise));
-  add(features, F::lasting, lasting_count(noise) > 0);
-  add(features, F::bias_like, noise.scale_std() > 0 || lasting_count(noise) > 0);
+      !noise.measurement().is_independent() || likelihood::links_steps(noise) || noise.has_step_errors());
+  add(features, F::shared, likelihood::links_steps(noise));
+  add(features, F::lasting, likelihood::lasting_count(noise) > 0);
+  add(features, F::bias_like, noise.scale_std() > 0 || likelihood::lasting_count(noise) > 0);
   add(features, F::shared_clock, noise.has_step_errors() && of_dofs);
   return features;
 }
 
 Features features_of(const UpdateOptions& options) {
   Features features;
-  const bool corrects = options.learn_bias || options.bias_correction != BiasCorrectionMode::off;
-  const bool joint = options.bias.way == BiasOptions::Way::joint;
-  add(features, F::sequential, options.form == UpdateOptions::Form::composed || is_filter(options.kind));
+  const bool corrects = options.learn_bias || options.bias_correction != likelihood::BiasCorrectionMode::off;
+  const bool joint = options.bias.way == likelihood::BiasOptions::Way::joint;
+  add(features, F::sequential,
+      options.form == UpdateOptions::Form::composed || posterior::is_filter(options.kind));
   add(features, F::noise_level, options.noise_level.has_value());
   add(features, F::bias_like, options.noise_level.has_value());
   add(features, F::linked, options.noise_level.has_value() || (corrects && joint));

@@ -4,7 +4,7 @@
 #include <string>
 #include <string_view>
 
-#include "knothe/assimilation/noise/noise_model.hpp"
+#include "knothe/likelihood/noise/noise_model.hpp"
 
 namespace knothe::assimilation {
 
@@ -39,7 +39,7 @@ using Features = std::bitset<static_cast<std::size_t>(Feature::count)>;
 struct UpdateOptions;
 
 /// Those of a noise model, or of a sequential update.
-[[nodiscard]] Features features_of(const NoiseModel& noise);
+[[nodiscard]] Features features_of(const likelihood::NoiseModel& noise);
 [[nodiscard]] Features features_of(const UpdateOptions& options);
 /// Of a gate and a Student-t likelihood (`RobustOptions`); 0: without.
 [[nodiscard]] Features features_of(double gate, double degrees_of_freedom);

@@ -31,9 +31,9 @@ TEST(Compatibility, AConflictIsNamedWithItsReasonAndTheOtherOne) {
 }
 
 TEST(Compatibility, NoiseSaysWhatItHas) {
-  const NoiseModel plain = NoiseModel::independent(Eigen::Vector2d(1, 2));
+  const likelihood::NoiseModel plain = likelihood::NoiseModel::independent(Eigen::Vector2d(1, 2));
   EXPECT_TRUE(features_of(plain).none());
-  const NoiseModel clock = plain.with_step_error(3, Eigen::Vector2d(1, 0));
+  const likelihood::NoiseModel clock = plain.with_step_error(3, Eigen::Vector2d(1, 0));
   EXPECT_EQ(features_of(clock), both(Feature::dependent, Feature::dependent));
   EXPECT_EQ(features_of(clock.with_offsets(0.1)),
             both(Feature::dependent, Feature::shared) | both(Feature::shared_clock, Feature::shared_clock));

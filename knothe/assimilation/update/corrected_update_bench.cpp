@@ -11,9 +11,9 @@
 #include <ctime>
 #include <random>
 
-#include "knothe/assimilation/testing/bench_models.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
-#include "knothe/reduction/model/spline_functions.hpp"
+#include "knothe/likelihood/testing/bench_models.hpp"
+#include "knothe/model/reduced/spline_functions.hpp"
 
 namespace {
 
@@ -33,29 +33,28 @@ double median(std::vector<double> values) {
 }
 
 /// The functions of the model as splines on 9 × 9 nodes, as a reduced model has them.
-std::shared_ptr<const reduction::ParameterFunctions> as_splines(
-    const reduction::ParameterFunctions& functions) {
+std::shared_ptr<const model::ParameterFunctions> as_splines(const model::ParameterFunctions& functions) {
   std::vector<double> nodes;
   for (int k = 0; k < 9; ++k) nodes.push_back(0.5 + 0.125 * k);
   Eigen::MatrixXd points(81, 2);
   for (int i = 0; i < 81; ++i)
     points.row(i) << nodes[static_cast<std::size_t>(i / 9)], nodes[static_cast<std::size_t>(i % 9)];
-  reduction::FunctionBatch batch;
+  model::FunctionBatch batch;
   batch.resize(81, 2, functions.count(), 0);
   functions.evaluate(points, 0, batch);
-  const reduction::RowMatrix values = batch.value.transpose();
-  return std::make_shared<reduction::JointFunctions>(
+  const model::RowMatrix values = batch.value.transpose();
+  return std::make_shared<model::JointFunctions>(
       std::vector<std::vector<double>>{nodes, nodes},
       std::span(values.data(), static_cast<std::size_t>(values.size())), functions.count());
 }
 
 /// What the three large-scale terms of the model do not say: the model is wrong by a few standard deviations.
-Eigen::VectorXd bias(const reduction::ObservedModel& model, int step, double size) {
+Eigen::VectorXd bias(const model::ObservedModel& model, int step, double size) {
   const double t = (step + 1.0) / static_cast<double>(model.time.size());
   return size * (std::sin(4 * t) * model.space.col(0) + std::cos(3 * t) * model.space.col(1));
 }
 
-void run(const std::string& what, const std::shared_ptr<const reduction::ObservedModel>& model,
+void run(const std::string& what, const std::shared_ptr<const model::ObservedModel>& model,
          const NoiseModel& noise, double noise_std, double bias_size, BiasCorrectionMode mode,
          BiasOptions::Way way) {
   UpdateOptions options;
@@ -70,7 +69,7 @@ void run(const std::string& what, const std::shared_ptr<const reduction::Observe
     const auto step = static_cast<std::size_t>(t);
     const Eigen::VectorXd values = model->predict(Eigen::Vector2d(1.1, 0.9), step) +
                                    bias(*model, t, bias_size) +
-                                   noise_std * bench::normal_matrix(noise.size(), 1, random);
+                                   noise_std * likelihood::bench::normal_matrix(noise.size(), 1, random);
     const double start = cpu_us();
     const UpdateResult& result = update.update(step, step, values);
     by_quadrature += result.remark.find("quadrature") != std::string::npos;
@@ -97,7 +96,7 @@ int main(int argc, char** argv) {
   using Way = BiasOptions::Way;
   fmt::print("{}, 1 thread; r = 10, two parameters, {} steps\n60 sensors\n", bench::processor(), steps);
   std::mt19937_64 random(1);
-  const auto small = bench::large_model(60, 20, 10, steps, random);
+  const auto small = likelihood::bench::large_model(60, 20, 10, steps, random);
   small->functions = as_splines(*small->functions);
   const double std = 0.05;
   const NoiseModel noise = NoiseModel::independent(Eigen::VectorXd::Constant(60, std));
@@ -108,9 +107,9 @@ int main(int argc, char** argv) {
     run("linear" + model, small, noise, std, size, on, Way::modes);
   }
   fmt::print("{} dofs, noise of image correlation\n", 2 * side * side);
-  const auto large = bench::large_model(2 * side * side, 20, 10, steps, random);
+  const auto large = likelihood::bench::large_model(2 * side * side, 20, 10, steps, random);
   large->functions = as_splines(*large->functions);
-  const NoiseModel correlated = NoiseModel::correlated(bench::correlation_matrix(side, 1));
+  const NoiseModel correlated = NoiseModel::correlated(likelihood::bench::correlation_matrix(side, 1));
   run("off, model wrong", large, correlated, 0.8, 0.05, off, Way::modes);
   run("linear, model wrong", large, correlated, 0.8, 0.05, on, Way::modes);
   run("joint, model wrong", large, correlated, 0.8, 0.05, on, Way::joint);

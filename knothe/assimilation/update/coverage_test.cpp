@@ -9,10 +9,10 @@
 #include <cstdio>
 #include <cstdlib>
 
-#include "knothe/assimilation/testing/front_model.hpp"
-#include "knothe/assimilation/testing/test_models.hpp"
 #include "knothe/assimilation/testing/test_priors.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
+#include "knothe/likelihood/testing/front_model.hpp"
+#include "knothe/likelihood/testing/test_models.hpp"
 #include "knothe/numerics/statistics/random.hpp"
 
 namespace knothe::assimilation {
@@ -48,7 +48,7 @@ void expect_at_least(int k, int n, double p, const char* what) {
   std::printf("  %s: %d of %d\n", what, k, n);
 }
 
-Eigen::Vector2d truth_of(const PriorTransform& transform, int run) {
+Eigen::Vector2d truth_of(const posterior::PriorTransform& transform, int run) {
   const Eigen::MatrixXd z = numerics::monte_carlo_normal_points(1, 2, 100 + static_cast<unsigned>(run));
   Eigen::Vector2d truth;
   for (int k = 0; k < 2; ++k) truth[k] = transform.prior(k).from_standard_normal(z(0, k)).value;
@@ -56,7 +56,7 @@ Eigen::Vector2d truth_of(const PriorTransform& transform, int run) {
 }
 
 /// P(p_k ≤ x) under weighted points.
-double cumulative(const Posterior& posterior, Eigen::Index k, double x) {
+double cumulative(const posterior::Posterior& posterior, Eigen::Index k, double x) {
   return (posterior.points.col(k).array() <= x).select(posterior.weights.array(), 0.0).sum();
 }
 
@@ -65,17 +65,18 @@ double cumulative(const Posterior& posterior, Eigen::Index k, double x) {
 TEST(Calibration, TruthsFromThePriorAreUniformInThePosteriorAtEveryStage) {
   const int runs = count_or(100);
   const std::array<std::size_t, 4> stages = {15, 25, 60, 100};
-  const test::Front front;
-  const auto model = test::random_model(front.model->functions, 4, 3, 101, 8);
+  const likelihood::test::Front front;
+  const auto model = likelihood::test::random_model(front.model->functions, 4, 3, 101, 8);
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(4, 3.0);
-  const NoiseModel noise = NoiseModel::independent(std);
+  const likelihood::NoiseModel noise = likelihood::NoiseModel::independent(std);
   std::array<std::array<std::array<int, 10>, 2>, 4> counts{};
   for (int run = 0; run < runs; ++run) {
     SequentialUpdate update(model, noise, test::papers_priors());
     const Eigen::Vector2d truth = truth_of(update.transform(), run);
-    const Eigen::MatrixXd data = test::synthetic_data(*model, truth, std, 5000 + static_cast<unsigned>(run));
+    const Eigen::MatrixXd data =
+        likelihood::test::synthetic_data(*model, truth, std, 5000 + static_cast<unsigned>(run));
     for (std::size_t t = 0; t <= stages.back(); ++t) {
-      update.add(test::datum(t, data.col(static_cast<Eigen::Index>(t))), t);
+      update.add(likelihood::test::datum(t, data.col(static_cast<Eigen::Index>(t))), t);
     }
     for (std::size_t s = 0; s < stages.size(); ++s) {
       update.conclude(stages[s]);
@@ -103,20 +104,21 @@ struct CoverageStudy {
 };
 
 /// Runs with truths from the prior and data of the front itself, or of the model.
-CoverageStudy study(const test::Front& front, int runs, double noise_std, BiasCorrectionMode mode, bool right,
-                    double uneven = 0) {
+CoverageStudy study(const likelihood::test::Front& front, int runs, double noise_std,
+                    likelihood::BiasCorrectionMode mode, bool right, double uneven = 0) {
   CoverageStudy result;
-  const Eigen::VectorXd std = Eigen::VectorXd::Constant(test::Front::n, noise_std);
+  const Eigen::VectorXd std = Eigen::VectorXd::Constant(likelihood::test::Front::n, noise_std);
   UpdateOptions options;
   options.bias_correction = mode;
   for (int run = 0; run < runs; ++run) {
-    SequentialUpdate update(front.model, NoiseModel::independent(std), test::papers_priors(), options);
+    SequentialUpdate update(front.model, likelihood::NoiseModel::independent(std), test::papers_priors(),
+                            options);
     const Eigen::Vector2d truth = truth_of(update.transform(), run);
-    const Eigen::MatrixXd field = test::Front::field(truth[0], truth[1], uneven);
-    const Eigen::MatrixXd noise = numerics::monte_carlo_normal_points(test::Front::n, test::Front::n_t,
-                                                                      9000 + static_cast<unsigned>(run));
+    const Eigen::MatrixXd field = likelihood::test::Front::field(truth[0], truth[1], uneven);
+    const Eigen::MatrixXd noise = numerics::monte_carlo_normal_points(
+        likelihood::test::Front::n, likelihood::test::Front::n_t, 9000 + static_cast<unsigned>(run));
     bool rang = false;
-    for (Eigen::Index t = 0; t < test::Front::n_t; ++t) {
+    for (Eigen::Index t = 0; t < likelihood::test::Front::n_t; ++t) {
       const auto step = static_cast<std::size_t>(t);
       const Eigen::VectorXd exact = right ? front.model->predict(truth, step) : Eigen::VectorXd(field.col(t));
       rang |= update.update(step, step, exact + noise_std * noise.col(t)).monitor.alarm;
@@ -137,10 +139,10 @@ TEST(Coverage, CorrectionMakesTheIntervalsOfAWrongModelHonest) {
   const int runs = count_or(20);
   // A front whose speed is not constant, by 20 %, which speed and width imitate. (What the best modes leave
   // out is no such bias: it is orthogonal to them over all data, and a sum over all data does not feel it.)
-  const test::Front front(8);
+  const likelihood::test::Front front(8);
   const double noise = 0.05, uneven = 0.2;
-  const CoverageStudy off = study(front, runs, noise, BiasCorrectionMode::off, false, uneven);
-  const CoverageStudy on = study(front, runs, noise, BiasCorrectionMode::on, false, uneven);
+  const CoverageStudy off = study(front, runs, noise, likelihood::BiasCorrectionMode::off, false, uneven);
+  const CoverageStudy on = study(front, runs, noise, likelihood::BiasCorrectionMode::on, false, uneven);
   int better = 0, worse = 0;
   for (std::size_t run = 0; run < on.of_run.size(); ++run) {
     for (std::size_t k = 0; k < 2; ++k) {
@@ -161,8 +163,9 @@ TEST(Coverage, CorrectionMakesTheIntervalsOfAWrongModelHonest) {
 
 TEST(Coverage, AModelThatIsWrongByTwiceTheNoiseRings) {
   const int runs = count_or(20);
-  const test::Front front;
-  const CoverageStudy wrong = study(front, runs, 0.5 * front.error, BiasCorrectionMode::off, false);
+  const likelihood::test::Front front;
+  const CoverageStudy wrong =
+      study(front, runs, 0.5 * front.error, likelihood::BiasCorrectionMode::off, false);
   expect_at_least(wrong.flagged, runs, 0.95, "alarms of a model that is wrong by twice the noise");
 }
 
@@ -171,10 +174,12 @@ TEST(Coverage, ABiasOfOneSigmaOnATenthOf20000SensorsIsFoundWithinFivePictures) {
   constexpr Eigen::Index n = 20000;
   constexpr std::size_t onset = 4, last = onset + 5;
   const int runs = count_or(12);
-  const auto model = test::random_model(std::make_shared<test::LinearFunctions>(2), n, 4, last, 5);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::LinearFunctions>(2), n, 4, last, 5);
   const double std = 3;
-  const NoiseModel noise = NoiseModel::independent(Eigen::VectorXd::Constant(n, std));
-  const std::vector<Prior> priors = {Prior::normal(0, 1), Prior::normal(0, 1)};
+  const likelihood::NoiseModel noise = likelihood::NoiseModel::independent(Eigen::VectorXd::Constant(n, std));
+  const std::vector<posterior::Prior> priors = {posterior::Prior::normal(0, 1),
+                                                posterior::Prior::normal(0, 1)};
   int found = 0, false_alarms = 0;
   for (int run = 0; run < runs; ++run) {
     SequentialUpdate update(model, noise, priors);
@@ -196,10 +201,11 @@ TEST(Coverage, ABiasOfOneSigmaOnATenthOf20000SensorsIsFoundWithinFivePictures) {
 
 TEST(Coverage, AModelThatIsRightRingsNoMoreOftenThanStated) {
   const int runs = count_or(40);
-  const test::Front front;
-  const CoverageStudy right = study(front, runs, front.error, BiasCorrectionMode::off, true);
+  const likelihood::test::Front front;
+  const CoverageStudy right = study(front, runs, front.error, likelihood::BiasCorrectionMode::off, true);
   // One alarm in 17,280 data on average; P(k or more alarms at that rate) must not be tiny.
-  EXPECT_GE(upper_tail(right.flagged, runs, test::Front::n_t / 17280.0), k_level) << right.flagged;
+  EXPECT_GE(upper_tail(right.flagged, runs, likelihood::test::Front::n_t / 17280.0), k_level)
+      << right.flagged;
   for (const int covered : right.covered) {
     EXPECT_GE(lower_tail(covered, runs, 0.9), k_level / 2) << covered;
     EXPECT_GE(upper_tail(covered, runs, 0.9), k_level / 2) << covered;

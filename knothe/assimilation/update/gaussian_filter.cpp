@@ -25,22 +25,24 @@ Eigen::MatrixXd standardised_points(Eigen::Index n, Eigen::Index d, std::uint64_
   return factor.matrixL().solve(points.transpose()).transpose();
 }
 
-GaussianFilter::GaussianFilter(Method kind, std::shared_ptr<const reduction::ParameterFunctions> functions,
-                               std::shared_ptr<const PriorTransform> transform, Eigen::VectorXd central,
-                               Eigen::Index members, std::uint64_t seed)
+GaussianFilter::GaussianFilter(posterior::Method kind,
+                               std::shared_ptr<const model::ParameterFunctions> functions,
+                               std::shared_ptr<const posterior::PriorTransform> transform,
+                               Eigen::VectorXd central, Eigen::Index members, std::uint64_t seed)
     : kind_(kind),
       functions_(std::move(functions)),
       transform_(std::move(transform)),
       central_(std::move(central)),
       mean_(Eigen::VectorXd::Zero(transform_->dimension())),
       covariance_(Eigen::MatrixXd::Identity(mean_.size(), mean_.size())) {
-  if (kind_ == Method::ensemble_kalman) members_ = standardised_points(members, mean_.size(), seed);
+  if (kind_ == posterior::Method::ensemble_kalman)
+    members_ = standardised_points(members, mean_.size(), seed);
 }
 
-double GaussianFilter::update(const StepForm& form) {
-  if (kind_ == Method::extended_kalman) return update_extended(form);
+double GaussianFilter::update(const likelihood::StepForm& form) {
+  if (kind_ == posterior::Method::extended_kalman) return update_extended(form);
   const Eigen::Index d = mean_.size();
-  if (kind_ == Method::ensemble_kalman) {
+  if (kind_ == posterior::Method::ensemble_kalman) {
     return update_by_points(
         form, members_, Eigen::VectorXd::Constant(members_.rows(), 1 / static_cast<double>(members_.rows())));
   }
@@ -56,11 +58,11 @@ double GaussianFilter::update(const StepForm& form) {
   return update_by_points(form, points, weights);
 }
 
-double GaussianFilter::update_extended(const StepForm& form) {
+double GaussianFilter::update_extended(const likelihood::StepForm& form) {
   const Eigen::Index d = mean_.size(), r = central_.size();
   Eigen::MatrixXd p(1, d), first(1, d), unused;
   transform_->evaluate(mean_.transpose(), 1, p, first, unused);
-  reduction::FunctionBatch batch;
+  model::FunctionBatch batch;
   batch.resize(1, d, r, 1);
   functions_->evaluate(p, 1, batch);
   const Eigen::VectorXd v = batch.value.row(0).transpose() - central_;
@@ -81,7 +83,7 @@ double GaussianFilter::update_extended(const StepForm& form) {
 
 // With weighted deviations D (d × n) of z and L (r × n) of w, P_zw = D Lᵀ and P_ww = L Lᵀ; the gain applied
 // to the innovation is D (I + A)⁻¹ b with A = Lᵀ G L, b = Lᵀ (g − G v̄), by the push-through identity.
-double GaussianFilter::update_by_points(const StepForm& form, const Eigen::MatrixXd& points,
+double GaussianFilter::update_by_points(const likelihood::StepForm& form, const Eigen::MatrixXd& points,
                                         const Eigen::VectorXd& weights) {
   const Eigen::Index n = points.rows();
   const Eigen::VectorXd roots = weights.cwiseSqrt();
@@ -96,7 +98,7 @@ double GaussianFilter::update_by_points(const StepForm& form, const Eigen::Matri
   const Eigen::LLT<Eigen::MatrixXd> factor(Eigen::MatrixXd::Identity(n, n) + a);
   const Eigen::VectorXd solved = factor.solve(b);
   mean_ = z_mean + deviations * solved;
-  if (kind_ == Method::ensemble_kalman) {
+  if (kind_ == posterior::Method::ensemble_kalman) {
     const numerics::SymmetricEigen eigen(a);
     const Eigen::VectorXd shrink = (1 + eigen.eigenvalues().cwiseMax(0).array()).rsqrt();
     const Eigen::MatrixXd contracted =
@@ -114,7 +116,7 @@ double GaussianFilter::update_by_points(const StepForm& form, const Eigen::Matri
 Eigen::MatrixXd GaussianFilter::functions_at(const Eigen::MatrixXd& z) const {
   Eigen::MatrixXd p(z.rows(), z.cols()), unused;
   transform_->evaluate(z, 0, p, unused, unused);
-  reduction::FunctionBatch batch;
+  model::FunctionBatch batch;
   batch.resize(z.rows(), z.cols(), central_.size(), 0);
   functions_->evaluate(p, 0, batch);
   return batch.value;

@@ -5,10 +5,10 @@
 #include <cstdint>
 #include <memory>
 
-#include "knothe/assimilation/update/method.hpp"
-#include "knothe/assimilation/update/prior_transform.hpp"
-#include "knothe/assimilation/update/step_form.hpp"
-#include "knothe/reduction/model/parameter_functions.hpp"
+#include "knothe/likelihood/step/step_form.hpp"
+#include "knothe/model/reduced/parameter_functions.hpp"
+#include "knothe/posterior/method.hpp"
+#include "knothe/posterior/prior/prior_transform.hpp"
 
 namespace knothe::assimilation {
 
@@ -23,26 +23,26 @@ namespace knothe::assimilation {
 class GaussianFilter {
  public:
   /// `kind`: one of the three filters. `central`: w₀ of the forms. `members`: of the ensemble.
-  GaussianFilter(Method kind, std::shared_ptr<const reduction::ParameterFunctions> functions,
-                 std::shared_ptr<const PriorTransform> transform, Eigen::VectorXd central,
+  GaussianFilter(posterior::Method kind, std::shared_ptr<const model::ParameterFunctions> functions,
+                 std::shared_ptr<const posterior::PriorTransform> transform, Eigen::VectorXd central,
                  Eigen::Index members, std::uint64_t seed);
 
   /// Takes a datum; returns the increment of the log-evidence, log N(innovation; 0, S).
-  double update(const StepForm& form);
+  double update(const likelihood::StepForm& form);
 
   [[nodiscard]] const Eigen::VectorXd& mean() const { return mean_; }              ///< d, z
   [[nodiscard]] const Eigen::MatrixXd& covariance() const { return covariance_; }  ///< d × d, z
   [[nodiscard]] const Eigen::MatrixXd& members() const { return members_; }        ///< n × d, ensemble only
 
  private:
-  double update_extended(const StepForm& form);
-  double update_by_points(const StepForm& form, const Eigen::MatrixXd& points,
+  double update_extended(const likelihood::StepForm& form);
+  double update_by_points(const likelihood::StepForm& form, const Eigen::MatrixXd& points,
                           const Eigen::VectorXd& weights);
   [[nodiscard]] Eigen::MatrixXd functions_at(const Eigen::MatrixXd& z) const;
 
-  Method kind_;
-  std::shared_ptr<const reduction::ParameterFunctions> functions_;
-  std::shared_ptr<const PriorTransform> transform_;
+  posterior::Method kind_;
+  std::shared_ptr<const model::ParameterFunctions> functions_;
+  std::shared_ptr<const posterior::PriorTransform> transform_;
   Eigen::VectorXd central_, mean_;
   Eigen::MatrixXd covariance_, members_;
 };

@@ -10,8 +10,8 @@
 #include <cstdlib>
 #include <random>
 
-#include "knothe/assimilation/testing/bench_models.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
+#include "knothe/likelihood/testing/bench_models.hpp"
 
 namespace {
 
@@ -21,15 +21,15 @@ using Clock = std::chrono::steady_clock;
 void run(const char* what, int side, int steps, bool shared) {
   const Eigen::Index n = 2 * side * side, l = 20, r = 10;
   std::mt19937_64 random(1);
-  const auto model = bench::large_model(n, l, r, steps, random);
-  NoiseModel noise = NoiseModel::correlated(bench::correlation_matrix(side, 1));
+  const auto model = likelihood::bench::large_model(n, l, r, steps, random);
+  NoiseModel noise = NoiseModel::correlated(likelihood::bench::correlation_matrix(side, 1));
   if (shared) noise = noise.with_shared_reference(1);
   const std::vector<Prior> priors(2, Prior::normal(1, 0.3));
   SequentialUpdate update(model, noise, priors);
   std::vector<double> us, projection;
   for (int t = 0; t < steps; ++t) {
     const Eigen::VectorXd values = model->predict(Eigen::Vector2d(1.1, 0.9), static_cast<std::size_t>(t)) +
-                                   0.8 * bench::normal_matrix(n, 1, random);
+                                   0.8 * likelihood::bench::normal_matrix(n, 1, random);
     const auto start = Clock::now();
     const UpdateResult& result =
         update.update(static_cast<std::size_t>(t), static_cast<std::size_t>(t), values);

@@ -14,7 +14,7 @@ constexpr double k_border = 1e-6;  ///< of the prior's width: so near a bound is
 /// −log π(p | data) up to its constant, with derivatives.
 class NegativeLogPosterior {
  public:
-  NegativeLogPosterior(const LogLikelihood& log_likelihood, const PriorTransform& transform)
+  NegativeLogPosterior(const LogLikelihood& log_likelihood, const posterior::PriorTransform& transform)
       : log_likelihood_(log_likelihood), transform_(transform) {
     const Eigen::Index d = transform.dimension();
     batch_.resize(1, d, 2);
@@ -31,7 +31,7 @@ class NegativeLogPosterior {
     for (Eigen::Index a = 0; a < p.size(); ++a) {
       gradient[a] -= transform_.prior(a).log_density_slope(p[a]);
       for (Eigen::Index b = 0; b < p.size(); ++b)
-        hessian(a, b) = -batch_.hessian(0, sampling::packed_index(a, b));
+        hessian(a, b) = -batch_.hessian(0, posterior::packed_index(a, b));
       hessian(a, a) -= transform_.prior(a).log_density_curvature(p[a]);
     }
     return value;
@@ -42,8 +42,8 @@ class NegativeLogPosterior {
 
  private:
   const LogLikelihood& log_likelihood_;
-  const PriorTransform& transform_;
-  sampling::LogDensityBatch batch_;
+  const posterior::PriorTransform& transform_;
+  posterior::LogDensityBatch batch_;
 };
 
 /// −|H|⁻¹ g on the free variables, zero on the others; eigenvalues made positive, so that it always descends.
@@ -60,7 +60,8 @@ Eigen::VectorXd newton_direction(const NegativeLogPosterior& f, const std::vecto
 
 }  // namespace
 
-Eigen::VectorXd maximum_a_posteriori(CollapsedLogDensity& target, const PriorTransform& transform,
+Eigen::VectorXd maximum_a_posteriori(likelihood::CollapsedLogDensity& target,
+                                     const posterior::PriorTransform& transform,
                                      const Eigen::Ref<const Eigen::VectorXd>& start) {
   const LogLikelihood log_likelihood = [&target](const auto& p, int derivatives, auto& out) {
     target.evaluate_likelihood(p, derivatives, out);
@@ -68,14 +69,16 @@ Eigen::VectorXd maximum_a_posteriori(CollapsedLogDensity& target, const PriorTra
   return maximum_a_posteriori(log_likelihood, transform, start);
 }
 
-Eigen::VectorXd maximum_a_posteriori(const LogLikelihood& log_likelihood, const PriorTransform& transform,
+Eigen::VectorXd maximum_a_posteriori(const LogLikelihood& log_likelihood,
+                                     const posterior::PriorTransform& transform,
                                      const Eigen::Ref<const Eigen::VectorXd>& start, double step_tolerance) {
   const Eigen::Index d = start.size();
   Eigen::VectorXd lower(d), upper(d), width(d);
   for (Eigen::Index a = 0; a < d; ++a) {
     lower[a] = transform.prior(a).lower();
     upper[a] = transform.prior(a).upper();
-    if (transform.prior(a).family() == Prior::Family::lognormal) lower[a] = std::max(lower[a], 1e-300);
+    if (transform.prior(a).family() == posterior::Prior::Family::lognormal)
+      lower[a] = std::max(lower[a], 1e-300);
     width[a] =
         transform.prior(a).from_standard_normal(1).value - transform.prior(a).from_standard_normal(-1).value;
   }

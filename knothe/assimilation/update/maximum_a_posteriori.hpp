@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <functional>
 
-#include "knothe/assimilation/update/collapsed_posterior.hpp"
+#include "knothe/likelihood/step/collapsed_posterior.hpp"
 
 namespace knothe::assimilation {
 
@@ -12,14 +12,14 @@ namespace knothe::assimilation {
 /// outwards are held there). Stops at steps below `step_tolerance` times the priors' widths. The maximum of
 /// the density in z is another point, by the Jacobian of p(z).
 using LogLikelihood = std::function<void(const Eigen::Ref<const Eigen::MatrixXd>& p, int derivatives,
-                                         sampling::LogDensityBatch& out)>;
+                                         posterior::LogDensityBatch& out)>;
 [[nodiscard]] Eigen::VectorXd maximum_a_posteriori(const LogLikelihood& log_likelihood,
-                                                   const PriorTransform& transform,
+                                                   const posterior::PriorTransform& transform,
                                                    const Eigen::Ref<const Eigen::VectorXd>& start,
                                                    double step_tolerance = 1e-12);
 /// The same for a collapsed posterior.
-[[nodiscard]] Eigen::VectorXd maximum_a_posteriori(CollapsedLogDensity& target,
-                                                   const PriorTransform& transform,
+[[nodiscard]] Eigen::VectorXd maximum_a_posteriori(likelihood::CollapsedLogDensity& target,
+                                                   const posterior::PriorTransform& transform,
                                                    const Eigen::Ref<const Eigen::VectorXd>& start);
 
 }  // namespace knothe::assimilation

@@ -9,15 +9,15 @@
 #include <cstdlib>
 #include <functional>
 
-#include "knothe/assimilation/testing/bench_models.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
+#include "knothe/likelihood/testing/bench_models.hpp"
 
 namespace {
 
 using namespace knothe::assimilation;
 
 struct Problem {
-  std::shared_ptr<const knothe::reduction::ObservedModel> model;
+  std::shared_ptr<const knothe::model::ObservedModel> model;
   NoiseModel noise;
   std::vector<Prior> priors;
   Eigen::MatrixXd data;
@@ -86,13 +86,13 @@ int main(int argc, char** argv) {
   const int n = argc > 1 ? std::atoi(argv[1]) : 60, steps = argc > 2 ? std::atoi(argv[2]) : 30;
   std::mt19937_64 random(5);
   Problem problem;
-  problem.model = bench::large_model(n, 20, 10, steps, random);
+  problem.model = likelihood::bench::large_model(n, 20, 10, steps, random);
   problem.noise = NoiseModel::independent(Eigen::VectorXd::Constant(n, 0.25));
   problem.priors.assign(2, Prior::normal(1, 0.45));
   problem.data.resize(n, steps);
   for (int t = 0; t < steps; ++t)
     problem.data.col(t) = problem.model->predict(Eigen::Vector2d(1.15, 0.85), static_cast<std::size_t>(t)) +
-                          0.25 * bench::normal_matrix(n, 1, random);
+                          0.25 * likelihood::bench::normal_matrix(n, 1, random);
   UpdateOptions options;
   options.kind = Method::grid;
   SequentialUpdate grid(problem.model, problem.noise, problem.priors, options);

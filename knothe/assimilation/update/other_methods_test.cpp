@@ -5,18 +5,18 @@
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "knothe/assimilation/testing/test_models.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/likelihood/testing/test_models.hpp"
 
 namespace knothe::assimilation {
 namespace {
 
-using test::CurvedFunctions;
-using test::LinearFunctions;
-using test::random_model;
-using test::synthetic_data;
+using likelihood::test::CurvedFunctions;
+using likelihood::test::LinearFunctions;
+using likelihood::test::random_model;
+using likelihood::test::synthetic_data;
 
-UpdateOptions by(Method kind, Eigen::Index samples) {
+UpdateOptions by(posterior::Method kind, Eigen::Index samples) {
   UpdateOptions options;
   options.kind = kind;
   options.samples = samples;
@@ -26,12 +26,17 @@ UpdateOptions by(Method kind, Eigen::Index samples) {
 TEST(OtherMethods, KalmanFiltersAreExactForALinearModel) {
   // The textbook filter, in the space of the observations.
   const Eigen::Index d = 3, n = 7;
-  const auto model = random_model(std::make_shared<LinearFunctions>(d), n, 4, 5, 11);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::LinearFunctions>(d), n, 4, 5, 11);
   const Eigen::VectorXd std = Eigen::VectorXd::LinSpaced(n, 0.2, 0.5);
-  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector3d(0.3, -1.0, 2.0), std, 5);
-  const std::vector<Prior> priors = {Prior::normal(0, 1), Prior::normal(-0.5, 2), Prior::normal(1, 0.7)};
-  for (const Method kind : {Method::extended_kalman, Method::unscented_kalman, Method::ensemble_kalman}) {
-    SequentialUpdate filter(model, NoiseModel::independent(std), priors, by(kind, 10000));
+  const Eigen::MatrixXd data =
+      likelihood::test::synthetic_data(*model, Eigen::Vector3d(0.3, -1.0, 2.0), std, 5);
+  const std::vector<posterior::Prior> priors = {
+      posterior::Prior::normal(0, 1), posterior::Prior::normal(-0.5, 2), posterior::Prior::normal(1, 0.7)};
+  for (const posterior::Method kind :
+       {posterior::Method::extended_kalman, posterior::Method::unscented_kalman,
+        posterior::Method::ensemble_kalman}) {
+    SequentialUpdate filter(model, likelihood::NoiseModel::independent(std), priors, by(kind, 10000));
     Eigen::VectorXd mean = Eigen::Vector3d(0, -0.5, 1);
     Eigen::MatrixXd covariance = Eigen::Vector3d(1, 4, 0.49).asDiagonal();
     double log_evidence = 0;
@@ -59,14 +64,18 @@ TEST(OtherMethods, KalmanFiltersAreExactForALinearModel) {
 
 TEST(OtherMethods, MonteCarloAgreesWithQuadrature) {
   const Eigen::Index n = 8;
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 3, 33);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), n, 4, 3, 33);
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.6);
-  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
-  const std::vector<Prior> priors = {Prior::normal(0.9, 0.45), Prior::normal(1.1, 0.45)};
-  SequentialUpdate grid(model, NoiseModel::independent(std), priors, by(Method::grid, 0));
-  SequentialUpdate particles(model, NoiseModel::independent(std), priors,
-                             by(Method::sequential_monte_carlo, 10000));
-  SequentialUpdate chain(model, NoiseModel::independent(std), priors, by(Method::markov_chain, 8000));
+  const Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
+  const std::vector<posterior::Prior> priors = {posterior::Prior::normal(0.9, 0.45),
+                                                posterior::Prior::normal(1.1, 0.45)};
+  SequentialUpdate grid(model, likelihood::NoiseModel::independent(std), priors,
+                        by(posterior::Method::grid, 0));
+  SequentialUpdate particles(model, likelihood::NoiseModel::independent(std), priors,
+                             by(posterior::Method::sequential_monte_carlo, 10000));
+  SequentialUpdate chain(model, likelihood::NoiseModel::independent(std), priors,
+                         by(posterior::Method::markov_chain, 8000));
   for (std::size_t t = 0; t < 3; ++t) {
     const auto column = data.col(static_cast<Eigen::Index>(t));
     const UpdateResult& exact = grid.update(t, t, column);
@@ -88,11 +97,14 @@ TEST(OtherMethods, MonteCarloAgreesWithQuadrature) {
 
 TEST(OtherMethods, AFilterSaysWhereThePosteriorIsNotItsGaussian) {
   const Eigen::Index n = 8;
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 1, 21);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), n, 4, 1, 21);
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.4);
-  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1.45, 0.7), std, 17);
-  const std::vector<Prior> priors = {Prior::normal(0.9, 0.45), Prior::normal(1.1, 0.45)};
-  SequentialUpdate filter(model, NoiseModel::independent(std), priors, by(Method::extended_kalman, 1000));
+  const Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector2d(1.45, 0.7), std, 17);
+  const std::vector<posterior::Prior> priors = {posterior::Prior::normal(0.9, 0.45),
+                                                posterior::Prior::normal(1.1, 0.45)};
+  SequentialUpdate filter(model, likelihood::NoiseModel::independent(std), priors,
+                          by(posterior::Method::extended_kalman, 1000));
   const UpdateResult& r = filter.update(0, 0, data.col(0));
   EXPECT_FALSE(r.trusted);
   EXPECT_TRUE(r.remark.starts_with("the posterior is not the Gaussian of the filter: ")) << r.remark;
@@ -101,14 +113,16 @@ TEST(OtherMethods, AFilterSaysWhereThePosteriorIsNotItsGaussian) {
 
 TEST(OtherMethods, LateDataAndNuisancesArePartOfEveryMethod) {
   const Eigen::Index d = 2, n = 6;
-  const auto model = random_model(std::make_shared<LinearFunctions>(d), n, 4, 4, 5);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::LinearFunctions>(d), n, 4, 4, 5);
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.3);
-  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(0.3, -0.6), std, 8);
-  const NoiseModel noise = NoiseModel::independent(std).with_offsets(0.4);
-  const std::vector<Prior> priors = {Prior::normal(0, 1), Prior::normal(-0.5, 2)};
-  SequentialUpdate exact(model, noise, priors, by(Method::grid, 0));
-  SequentialUpdate filter(model, noise, priors, by(Method::extended_kalman, 1000));
-  SequentialUpdate chain(model, noise, priors, by(Method::markov_chain, 8000));
+  const Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector2d(0.3, -0.6), std, 8);
+  const likelihood::NoiseModel noise = likelihood::NoiseModel::independent(std).with_offsets(0.4);
+  const std::vector<posterior::Prior> priors = {posterior::Prior::normal(0, 1),
+                                                posterior::Prior::normal(-0.5, 2)};
+  SequentialUpdate exact(model, noise, priors, by(posterior::Method::grid, 0));
+  SequentialUpdate filter(model, noise, priors, by(posterior::Method::extended_kalman, 1000));
+  SequentialUpdate chain(model, noise, priors, by(posterior::Method::markov_chain, 8000));
   for (const std::size_t t : {0u, 2u, 1u, 3u}) {  // the datum of step 1 is late
     for (SequentialUpdate* update : {&exact, &filter, &chain})
       update->update(t, t, data.col(static_cast<Eigen::Index>(t)));

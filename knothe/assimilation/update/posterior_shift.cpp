@@ -22,7 +22,7 @@ PosteriorShift difference(std::size_t step, const Ours& ours, const Theirs& refe
 /// log L of all data up to `step` at points p.
 Eigen::VectorXd log_likelihood(SequentialUpdate& update, std::size_t step, const Eigen::MatrixXd& p) {
   update.target().set_form(update.form_up_to(step));
-  sampling::LogDensityBatch batch;
+  posterior::LogDensityBatch batch;
   batch.resize(p.rows(), p.cols(), 0);
   update.target().evaluate_likelihood(p, 0, batch);
   return batch.value;
@@ -50,7 +50,8 @@ std::vector<PosteriorShift> reweighted_shifts(SequentialUpdate& by_model, Sequen
   constexpr Index k_steps = 5;  // of those of the data
   const Index n = data.cols(), shown = std::min(n, k_steps);
   for (std::size_t t = 0; t < static_cast<std::size_t>(n); ++t) {
-    const auto datum = std::make_shared<const Datum>(Datum{{}, t, t, data.col(t), {}});
+    const auto datum =
+        std::make_shared<const likelihood::Datum>(likelihood::Datum{{}, t, t, data.col(t), {}});
     for (SequentialUpdate* update : {&by_model, &by_reference}) update->add(datum, t);
   }
   std::vector<PosteriorShift> shifts;
@@ -63,14 +64,15 @@ std::vector<PosteriorShift> reweighted_shifts(SequentialUpdate& by_model, Sequen
 
 }  // namespace
 
-std::vector<PosteriorShift> posterior_shift(std::shared_ptr<const reduction::ObservedModel> model,
-                                            std::shared_ptr<const reduction::ObservedModel> reference,
-                                            const Eigen::MatrixXd& data, const NoiseModel& noise,
-                                            const std::vector<Prior>& priors, Method kind) {
+std::vector<PosteriorShift> posterior_shift(std::shared_ptr<const model::ObservedModel> model,
+                                            std::shared_ptr<const model::ObservedModel> reference,
+                                            const Eigen::MatrixXd& data, const likelihood::NoiseModel& noise,
+                                            const std::vector<posterior::Prior>& priors,
+                                            posterior::Method kind) {
   assert(model->time.size() == reference->time.size() && data.cols() == std::ssize(model->time));
   const bool is_large = priors.size() > 3;
   UpdateOptions options;
-  options.kind = is_large ? Method::automatic : kind;
+  options.kind = is_large ? posterior::Method::automatic : kind;
   SequentialUpdate by_model(std::move(model), noise, priors, options);
   SequentialUpdate by_reference(std::move(reference), noise, priors, options);
   if (is_large) return reweighted_shifts(by_model, by_reference, data);

@@ -3,10 +3,10 @@
 #include <memory>
 #include <vector>
 
-#include "knothe/assimilation/noise/noise_model.hpp"
-#include "knothe/assimilation/update/prior.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
-#include "knothe/reduction/observe/observed_model.hpp"
+#include "knothe/likelihood/noise/noise_model.hpp"
+#include "knothe/model/observe/observed_model.hpp"
+#include "knothe/posterior/prior/prior.hpp"
 
 namespace knothe::assimilation {
 
@@ -23,9 +23,9 @@ struct PosteriorShift {
 /// three parameters after five steps only, the last among them, by weighted points of the reference's
 /// posterior. Interrupted.
 [[nodiscard]] std::vector<PosteriorShift> posterior_shift(
-    std::shared_ptr<const reduction::ObservedModel> model,
-    std::shared_ptr<const reduction::ObservedModel> reference, const Eigen::MatrixXd& data,
-    const NoiseModel& noise, const std::vector<Prior>& priors, Method kind = Method::transport);
+    std::shared_ptr<const model::ObservedModel> model, std::shared_ptr<const model::ObservedModel> reference,
+    const Eigen::MatrixXd& data, const likelihood::NoiseModel& noise,
+    const std::vector<posterior::Prior>& priors, posterior::Method kind = posterior::Method::transport);
 
 /// Largest shift over all steps, and that of the last one.
 struct ShiftSummary {

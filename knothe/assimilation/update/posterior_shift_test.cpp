@@ -4,7 +4,7 @@
 
 #include <random>
 
-#include "knothe/assimilation/testing/test_models.hpp"
+#include "knothe/likelihood/testing/test_models.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -17,11 +17,11 @@ constexpr Index k_times = 10, k_sensors = 6;
 constexpr double k_std = 0.3;
 
 /// y_t = A_t p of d parameters: with priors N(0, 1) the posterior is Gaussian, and known.
-std::shared_ptr<reduction::ObservedModel> linear_model(Index d, double change) {
+std::shared_ptr<model::ObservedModel> linear_model(Index d, double change) {
   std::mt19937_64 random(3);
   std::normal_distribution<double> normal;
-  auto model = std::make_shared<reduction::ObservedModel>();
-  model->functions = std::make_shared<test::LinearFunctions>(d);
+  auto model = std::make_shared<model::ObservedModel>();
+  model->functions = std::make_shared<likelihood::test::LinearFunctions>(d);
   for (Index k = 0; k < d; ++k) model->parameters.push_back("p" + std::to_string(k));
   model->space = MatrixXd::Identity(k_sensors, k_sensors);
   model->lift = MatrixXd::Zero(k_sensors, k_times);
@@ -40,7 +40,7 @@ struct Gaussian {
 };
 
 /// Of the data up to `step`.
-Gaussian exact_posterior(const reduction::ObservedModel& model, const MatrixXd& data, std::size_t step) {
+Gaussian exact_posterior(const model::ObservedModel& model, const MatrixXd& data, std::size_t step) {
   const Index d = model.core[0].cols();
   MatrixXd precision = MatrixXd::Identity(d, d);
   VectorXd pull = VectorXd::Zero(d);
@@ -64,9 +64,10 @@ TEST_P(PosteriorShiftTest, IsThatOfTheExactPosteriors) {
   for (Index t = 0; t < k_times; ++t)
     for (Index i = 0; i < k_sensors; ++i)
       data(i, t) = reference->core[static_cast<std::size_t>(t)].row(i).dot(truth) + k_std * normal(random);
-  const std::vector<Prior> priors(static_cast<std::size_t>(d), Prior::normal(0, 1));
-  const auto shifts = posterior_shift(model, reference, data,
-                                      NoiseModel::independent(VectorXd::Constant(k_sensors, k_std)), priors);
+  const std::vector<posterior::Prior> priors(static_cast<std::size_t>(d), posterior::Prior::normal(0, 1));
+  const auto shifts =
+      posterior_shift(model, reference, data,
+                      likelihood::NoiseModel::independent(VectorXd::Constant(k_sensors, k_std)), priors);
   ASSERT_EQ(shifts.size(), d > 3 ? 5u : 10u);
   EXPECT_EQ(shifts.back().step, 9u);
   for (const PosteriorShift& shift : shifts) {

@@ -6,15 +6,15 @@
 #include <algorithm>
 #include <cmath>
 
-#include "knothe/assimilation/update/filled_quadrature.hpp"
 #include "knothe/assimilation/update/maximum_a_posteriori.hpp"
-#include "knothe/assimilation/update/posterior_functions.hpp"
 #include "knothe/assimilation/update/sampled_posterior.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/monotonic_time.hpp"
+#include "knothe/likelihood/step/posterior_functions.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
-#include "knothe/sampling/adaptive_importance.hpp"
-#include "knothe/sampling/trust.hpp"
+#include "knothe/posterior/draws/adaptive_importance.hpp"
+#include "knothe/posterior/quadrature/filled_quadrature.hpp"
+#include "knothe/posterior/trust.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -35,14 +35,15 @@ constexpr double k_grid_tolerance = 1e-8;
 
 /// A datum comes every few milliseconds: where the standard way does not reach the tolerance, the importance
 /// correction answers for it, not a search among other parametrisations.
-transport::MapSolverOptions online(const UpdateOptions& options) {
-  transport::MapSolverOptions map = options.map;
+posterior::MapSolverOptions online(const UpdateOptions& options) {
+  posterior::MapSolverOptions map = options.map;
   map.fallback = false;
   map.search_modes = options.search_modes;
   // A mixture over the sizes of a discrepancy has tails that no order of a map follows: a low one, and the
   // correction or quadrature.
-  const bool mixture = (options.learn_bias || options.bias_correction != BiasCorrectionMode::off) &&
-                       options.bias.way == BiasOptions::Way::joint;
+  const bool mixture =
+      (options.learn_bias || options.bias_correction != likelihood::BiasCorrectionMode::off) &&
+      options.bias.way == likelihood::BiasOptions::Way::joint;
   if (mixture) {
     map.max_order = std::min(map.max_order, 2);
     map.long_first_variable = false;
@@ -50,16 +51,16 @@ transport::MapSolverOptions online(const UpdateOptions& options) {
   return map;
 }
 
-sampling::MapFigures figures_of(const Posterior& r) {
+posterior::MapFigures figures_of(const posterior::Posterior& r) {
   return {r.variance_diagnostic, r.effective_sample_size, r.second_mode_found, ""};
 }
 
 /// Of a map whose solve said `why_missed` where the tolerance was missed.
-void set_map_trust(Posterior& r, const std::string& why_missed) {
-  r.set_trust(sampling::trust_of(figures_of(r)), why_missed);
+void set_map_trust(posterior::Posterior& r, const std::string& why_missed) {
+  r.set_trust(posterior::trust_of(figures_of(r)), why_missed);
 }
 
-void set_map_moments(const Eigen::MatrixXd& p, Posterior& r) {
+void set_map_moments(const Eigen::MatrixXd& p, posterior::Posterior& r) {
   r.map_mean = p.colwise().mean();
   const Eigen::MatrixXd centred = p.rowwise() - r.map_mean.transpose();
   r.map_covariance.noalias() = centred.transpose() * centred / static_cast<double>(p.rows());
@@ -67,8 +68,8 @@ void set_map_moments(const Eigen::MatrixXd& p, Posterior& r) {
 
 }  // namespace
 
-PosteriorSolver::PosteriorSolver(const reduction::ObservedModel& model,
-                                 std::shared_ptr<const PriorTransform> transform,
+PosteriorSolver::PosteriorSolver(const model::ObservedModel& model,
+                                 std::shared_ptr<const posterior::PriorTransform> transform,
                                  const Eigen::VectorXd& central, const UpdateOptions& options)
     : kind_(options.kind),
       samples_(options.samples),
@@ -77,11 +78,11 @@ PosteriorSolver::PosteriorSolver(const reduction::ObservedModel& model,
       transform_(std::move(transform)),
       target_(model.functions, transform_, central),
       solver_(online(options)) {
-  if (kind_ == Method::grid && transform_->dimension() > 3)
+  if (kind_ == posterior::Method::grid && transform_->dimension() > 3)
     throw ProjectError("method.kind = \"grid\" takes 1 to 3 parameters; use \"transport\" for more");
   if (options.noise_level) target_.infer_noise_level(*options.noise_level);
   solver_.prepare(transform_->dimension());
-  if (is_filter(kind_)) {
+  if (posterior::is_filter(kind_)) {
     make_filter();
   } else if (options.form == UpdateOptions::Form::composed) {
     composition_.emplace(model, transform_, central);
@@ -100,17 +101,18 @@ Eigen::MatrixXd PosteriorSolver::parameters(const Eigen::MatrixXd& z) const {
   return p;
 }
 
-void PosteriorSolver::set(const FormSums& sums, const Eigen::VectorXd& shares) {
+void PosteriorSolver::set(const likelihood::FormSums& sums, const Eigen::VectorXd& shares) {
   if (sums.levels.empty()) return target_.set_form(sums.form);
-  std::vector<const StepForm*> forms = {&sums.form};
-  for (const StepForm& sum : sums.levels) forms.push_back(&sum);
+  std::vector<const likelihood::StepForm*> forms = {&sums.form};
+  for (const likelihood::StepForm& sum : sums.levels) forms.push_back(&sum);
   const std::vector<double> weights(forms.size(), -std::log(static_cast<double>(forms.size())));
   target_.set_mixture(forms, weights, {shares.data(), static_cast<std::size_t>(shares.size())});
 }
 
-void PosteriorSolver::solve(const StepForm& last, Posterior& posterior, UpdateTimes& times) {
+void PosteriorSolver::solve(const likelihood::StepForm& last, posterior::Posterior& posterior,
+                            UpdateTimes& times) {
   if (filter_) return by_filter(last, posterior, times);
-  if (composition_ && (kind_ == Method::automatic || kind_ == Method::transport)) {
+  if (composition_ && (kind_ == posterior::Method::automatic || kind_ == posterior::Method::transport)) {
     shares_.reset();
     by_composed_maps(last, posterior, times);
   } else {
@@ -122,37 +124,37 @@ void PosteriorSolver::solve(const StepForm& last, Posterior& posterior, UpdateTi
   if (target_.noise_level()) posterior.noise_level = expected_noise_level(posterior);
 }
 
-void PosteriorSolver::solve_collapsed(Posterior& posterior, UpdateTimes& times) {
+void PosteriorSolver::solve_collapsed(posterior::Posterior& posterior, UpdateTimes& times) {
   shares_.reset();
   posterior.few = {};
-  posterior.method = Method::transport;
-  if (kind_ == Method::grid) return by_grid(posterior, times);
-  if (kind_ == Method::markov_chain || kind_ == Method::sequential_monte_carlo) {
+  posterior.method = posterior::Method::transport;
+  if (kind_ == posterior::Method::grid) return by_grid(posterior, times);
+  if (kind_ == posterior::Method::markov_chain || kind_ == posterior::Method::sequential_monte_carlo) {
     const auto start = monotonic_now();
     draw(target_, kind_, posterior);
     times.map = microseconds_since(start);
     return;
   }
-  if (kind_ == Method::automatic) {
+  if (kind_ == posterior::Method::automatic) {
     if (by_quadrature(posterior, times)) return;
     const Eigen::Index d = transform_->dimension();
-    if (d > k_max_quadrature_parameters && d <= k_max_particle_parameters)
+    if (d > posterior::k_max_quadrature_parameters && d <= k_max_particle_parameters)
       return by_particles(posterior, times);
   }
   by_collapsed_map(posterior, times);
 }
 
-Eigen::VectorXd PosteriorSolver::component_shares(const Posterior& posterior) {
+Eigen::VectorXd PosteriorSolver::component_shares(const posterior::Posterior& posterior) {
   return shares_ ? *shares_ : target_.component_shares(posterior.points, posterior.weights);
 }
 
 void PosteriorSolver::restart() {
-  if (composition_) composition_->map = transport::ComposedMap(transform_->dimension());
+  if (composition_) composition_->map = posterior::ComposedMap(transform_->dimension());
   if (filter_) make_filter();
 }
 
-double PosteriorSolver::expected_noise_level(const Posterior& posterior) {
-  sampling::LogDensityBatch batch;
+double PosteriorSolver::expected_noise_level(const posterior::Posterior& posterior) {
+  posterior::LogDensityBatch batch;
   batch.resize(posterior.points.rows(), posterior.points.cols(), 0);
   target_.evaluate_likelihood(posterior.points, 0, batch);
   double mean = 0;
@@ -162,14 +164,15 @@ double PosteriorSolver::expected_noise_level(const Posterior& posterior) {
 }
 
 /// False, and nothing has been set, where it would take too many nodes.
-bool PosteriorSolver::by_quadrature(Posterior& r, UpdateTimes& times) {
+bool PosteriorSolver::by_quadrature(posterior::Posterior& r, UpdateTimes& times) {
   if (transform_->dimension() > 3) return false;
   const auto start = monotonic_now();
-  QuadratureOptions options{.evidence_tolerance = k_converged, .moment_tolerance = k_converged};
+  posterior::QuadratureOptions options{.evidence_tolerance = k_converged, .moment_tolerance = k_converged};
   const bool three = transform_->dimension() == 3;
   options.max_nodes = three ? k_max_nodes_of_three : k_max_quadrature_nodes;
-  const QuadraturePosterior quadrature =
-      three ? filled_quadrature(target_, options, search_) : tensor_quadrature(target_, options, search_);
+  const posterior::QuadraturePosterior quadrature =
+      three ? posterior::filled_quadrature(target_, options, search_)
+            : posterior::tensor_quadrature(target_, options, search_);
   times.map = microseconds_since(start);
   if (!quadrature.resolved()) return false;
   set_from(quadrature, r);
@@ -178,54 +181,55 @@ bool PosteriorSolver::by_quadrature(Posterior& r, UpdateTimes& times) {
   r.log_evidence_lower_bound = r.log_evidence;
   r.by_quadrature = true;
   set_few_points(quadrature, r);
-  if (three) sampling::thin(r.points, r.weights, k_max_particles, solver_.options().seed);
+  if (three) posterior::thin(r.points, r.weights, k_max_particles, solver_.options().seed);
   times.map = microseconds_since(start);
   return true;
 }
 
-void PosteriorSolver::by_particles(Posterior& r, UpdateTimes& times) {
+void PosteriorSolver::by_particles(posterior::Posterior& r, UpdateTimes& times) {
   const auto start = monotonic_now();
-  sampling::AdaptiveImportanceOptions options;
+  posterior::AdaptiveImportanceOptions options;
   options.seed = solver_.options().seed;
   options.variables = [this](Eigen::MatrixXd& z) {
     turned_ = z;
     transform_->evaluate(turned_, 0, z, no_derivatives_, no_derivatives_);
   };
   set_from_draws(
-      sampling::adaptive_importance(target_, options),
+      posterior::adaptive_importance(target_, options),
       [this](const Eigen::MatrixXd& z) { return parameters(z); }, 1, r);
   thin_draws(r);
   times.map = microseconds_since(start);
   times.correction = 0;
 }
 
-void PosteriorSolver::draw(sampling::LogDensity& target, Method kind, Posterior& r) {
+void PosteriorSolver::draw(posterior::LogDensity& target, posterior::Method kind, posterior::Posterior& r) {
   const ToParameters to_parameters = [this](const Eigen::MatrixXd& z) { return parameters(z); };
   const std::uint64_t seed = solver_.options().seed;
-  if (kind == Method::markov_chain) {
+  if (kind == posterior::Method::markov_chain) {
     solve_by_chains(target, to_parameters, {.samples = samples_, .seed = seed}, r);
     return;
   }
-  sampling::RecycledImportanceOptions options;
+  posterior::RecycledImportanceOptions options;
   options.max_evaluations = std::max<std::int64_t>(options.max_evaluations, 2 * samples_);
   options.seed = seed;
   solve_by_draws(target, to_parameters, options, r);
   // Who asks for draws gets all of them: their moments are the answer's.
-  if (kind_ == Method::sequential_monte_carlo) {
-    sampling::sort_along_curve(r.points, r.weights);
+  if (kind_ == posterior::Method::sequential_monte_carlo) {
+    posterior::sort_along_curve(r.points, r.weights);
   } else {
     thin_draws(r);
   }
 }
 
-void PosteriorSolver::thin_draws(Posterior& r) const {
-  sampling::thin(r.points, r.weights, k_max_particles, solver_.options().seed);
-  sampling::sort_along_curve(r.points, r.weights);  // the alarm predicts from some of them
+void PosteriorSolver::thin_draws(posterior::Posterior& r) const {
+  posterior::thin(r.points, r.weights, k_max_particles, solver_.options().seed);
+  posterior::sort_along_curve(r.points, r.weights);  // the alarm predicts from some of them
 }
 
 /// The filter's own Gaussian of z: moments, quantiles and evidence are its, uncorrected. Importance weights
 /// from it to the exact posterior say how far that is off, so that `trusted` means what it means for a map.
-void PosteriorSolver::by_filter(const StepForm& last, Posterior& r, UpdateTimes& times) {
+void PosteriorSolver::by_filter(const likelihood::StepForm& last, posterior::Posterior& r,
+                                UpdateTimes& times) {
   constexpr Eigen::Index k_reference_points = 1024;
   const auto start = monotonic_now();
   filter_log_evidence_ += filter_->update(last);
@@ -233,7 +237,7 @@ void PosteriorSolver::by_filter(const StepForm& last, Posterior& r, UpdateTimes&
   const Eigen::MatrixXd reference = standardised_points(k_reference_points, d, solver_.options().seed);
   const Eigen::MatrixXd root = filter_->covariance().llt().matrixL();
   Eigen::MatrixXd z = (reference * root.transpose()).rowwise() + filter_->mean().transpose();
-  sampling::LogDensityBatch batch;
+  posterior::LogDensityBatch batch;
   batch.resize(z.rows(), d, 0);
   target_.evaluate(z, 0, batch);
   const Eigen::VectorXd log_weight = batch.value + 0.5 * reference.rowwise().squaredNorm();
@@ -246,7 +250,7 @@ void PosteriorSolver::by_filter(const StepForm& last, Posterior& r, UpdateTimes&
   r.log_evidence = r.log_evidence_lower_bound = filter_log_evidence_;
   r.effective_sample_size = numerics::effective_share(log_weight);
   r.variance_diagnostic = 0.5 * (log_weight.array() - log_weight.mean()).square().mean();
-  const sampling::Trust trust = sampling::trust_of_gaussian(figures_of(r));
+  const posterior::Trust trust = posterior::trust_of_gaussian(figures_of(r));
   r.set_trust(trust);
   r.tolerance_reached = trust.trusted;
   r.maximum_a_posteriori = parameters(filter_->mean().transpose()).row(0).transpose();
@@ -255,12 +259,13 @@ void PosteriorSolver::by_filter(const StepForm& last, Posterior& r, UpdateTimes&
 
 /// Every other node, whose rule has the moments and the evidence of all to 1 %; but those that carry little,
 /// together less than that.
-void PosteriorSolver::set_few_points(const QuadraturePosterior& quadrature, Posterior& r) {
+void PosteriorSolver::set_few_points(const posterior::QuadraturePosterior& quadrature,
+                                     posterior::Posterior& r) {
   std::vector<Eigen::Index> kept;
   const double floor = 0.01 / static_cast<double>(r.weights.size());
   for (const Eigen::Index i : quadrature.every_other)
     if (r.weights[i] > floor) kept.push_back(i);
-  if (kept.size() > static_cast<std::size_t>(k_prediction_points)) return;
+  if (kept.size() > static_cast<std::size_t>(likelihood::k_prediction_points)) return;
   r.few.points = r.points(kept, Eigen::all);
   r.few.weights = r.weights(kept);
   r.few.weights /= r.few.weights.sum();
@@ -270,26 +275,27 @@ void PosteriorSolver::set_few_points(const QuadraturePosterior& quadrature, Post
   r.few.cell = width(r.quantiles).cwiseQuotient(width(quadrature.quantiles)).asDiagonal() * quadrature.cell;
 }
 
-void PosteriorSolver::by_grid(Posterior& r, UpdateTimes& times) {
+void PosteriorSolver::by_grid(posterior::Posterior& r, UpdateTimes& times) {
   const auto start = monotonic_now();
   // The plain answer: a first look that no ridge of a crack's run slips through.
-  using Axes = QuadratureOptions::Axes;
+  using Axes = posterior::QuadratureOptions::Axes;
   static constexpr Eigen::Index k_nodes[] = {257, 301, 25};
   const Eigen::Index d = transform_->dimension();
-  const QuadraturePosterior grid = tensor_quadrature(target_, {.axes = d < 3 ? Axes::parameters : Axes::modes,
-                                                               .evidence_tolerance = k_grid_tolerance,
-                                                               .coarse_nodes = k_nodes[d - 1],
-                                                               .whole_range = d < 3});
+  const posterior::QuadraturePosterior grid =
+      posterior::tensor_quadrature(target_, {.axes = d < 3 ? Axes::parameters : Axes::modes,
+                                             .evidence_tolerance = k_grid_tolerance,
+                                             .coarse_nodes = k_nodes[d - 1],
+                                             .whole_range = d < 3});
   set_from(grid, r);
   r.map_mean = r.mean;
   r.map_covariance = r.covariance;
   r.log_evidence_lower_bound = grid.log_evidence;
-  r.set_trust(sampling::trust_of(grid.figures()));
+  r.set_trust(posterior::trust_of(grid.figures()));
   r.tolerance_reached = r.trusted;
   times.map = microseconds_since(start);
 }
 
-void PosteriorSolver::by_collapsed_map(Posterior& r, UpdateTimes& times) {
+void PosteriorSolver::by_collapsed_map(posterior::Posterior& r, UpdateTimes& times) {
   const auto start = monotonic_now();
   solver_.solve(target_, map_);
   times.map = microseconds_since(start);
@@ -297,7 +303,7 @@ void PosteriorSolver::by_collapsed_map(Posterior& r, UpdateTimes& times) {
   const double ess = numerics::effective_share(map_.verification.log_weight);
   set_from(map_, r);
   // A second mode may be nearly as heavy as the map's, whose points cover it badly.
-  const bool may_integrate = transform_->dimension() <= k_max_quadrature_parameters;
+  const bool may_integrate = transform_->dimension() <= posterior::k_max_quadrature_parameters;
   bool by_quadrature = may_integrate && (ess < k_quadrature_below || map_.second_mode_found);
   if (!by_quadrature) {
     solver_.correct(target_, map_, correction_);
@@ -321,8 +327,8 @@ void PosteriorSolver::by_collapsed_map(Posterior& r, UpdateTimes& times) {
   times.correction = microseconds_since(correction_start);
 }
 
-void PosteriorSolver::integrate(sampling::LogDensity& target, Posterior& r) {
-  const QuadraturePosterior quadrature = tensor_quadrature(target, {}, search_);
+void PosteriorSolver::integrate(posterior::LogDensity& target, posterior::Posterior& r) {
+  const posterior::QuadraturePosterior quadrature = posterior::tensor_quadrature(target, {}, search_);
   set_from(quadrature, r);
   r.by_quadrature = quadrature.evidence_change <= k_converged && quadrature.moment_change <= k_converged &&
                     quadrature.mass_at_border <= k_border_mass;
@@ -335,9 +341,10 @@ void PosteriorSolver::compose_anew() {
   composition_->map.append(map_.map);
 }
 
-void PosteriorSolver::by_composed_maps(const StepForm& last, Posterior& r, UpdateTimes& times) {
+void PosteriorSolver::by_composed_maps(const likelihood::StepForm& last, posterior::Posterior& r,
+                                       UpdateTimes& times) {
   const auto start = monotonic_now();
-  MapComposition& composition = *composition_;
+  likelihood::MapComposition& composition = *composition_;
   composition.density.set(composition.map, last);
   solver_.solve(composition.density, map_);
   composition.map.append(map_.pre_map);
@@ -347,7 +354,8 @@ void PosteriorSolver::by_composed_maps(const StepForm& last, Posterior& r, Updat
   const auto correction_start = monotonic_now();
   composition.batch.resize(map_.verification.reference.rows(), transform_->dimension(), 0);
   composition.map.evaluate(map_.verification.reference, 0, composition.batch);
-  const PushedPoints pushed = push_forward(target_, map_.verification.reference, composition.batch);
+  const likelihood::PushedPoints pushed =
+      likelihood::push_forward(target_, map_.verification.reference, composition.batch);
   if (pushed.effective_sample_size < 0.9) {
     // Errors of a hundred maps add up: begin again with one map of the whole posterior, which is at hand.
     by_collapsed_map(r, times);
@@ -372,7 +380,7 @@ void PosteriorSolver::by_composed_maps(const StepForm& last, Posterior& r, Updat
   times.map = microseconds_since(start) - times.correction;
 }
 
-void PosteriorSolver::set_from(const transport::MapResult& map, Posterior& r) {
+void PosteriorSolver::set_from(const posterior::MapResult& map, posterior::Posterior& r) {
   map_points_.resize(map.verification.points.rows(), transform_->dimension());
   transform_->evaluate(map.verification.points, 0, map_points_, no_derivatives_, no_derivatives_);
   set_map_moments(map_points_, r);
@@ -382,8 +390,8 @@ void PosteriorSolver::set_from(const transport::MapResult& map, Posterior& r) {
   r.second_mode_found = map.second_mode_found;
 }
 
-void PosteriorSolver::set_from(const QuadraturePosterior& quadrature, Posterior& r) {
-  const QuadraturePosterior::Lattice& lattice = quadrature.lattice;
+void PosteriorSolver::set_from(const posterior::QuadraturePosterior& quadrature, posterior::Posterior& r) {
+  const posterior::QuadraturePosterior::Lattice& lattice = quadrature.lattice;
   if (lattice.runs.empty()) {
     set_from(quadrature.turned_points, quadrature.weights, quadrature.quantiles, r);
   } else {  // p(z) goes axis by axis
@@ -395,12 +403,12 @@ void PosteriorSolver::set_from(const QuadraturePosterior& quadrature, Posterior&
     r.quantiles = transform_->carry(quadrature.quantiles);
     if (target_.component_count() > 1) shares_ = target_.component_shares(lattice.runs, lattice.weights);
   }
-  r.method = Method::grid;
+  r.method = posterior::Method::grid;
   r.log_evidence = quadrature.log_evidence;
 }
 
 void PosteriorSolver::set_from(const Eigen::MatrixXd& z, const Eigen::VectorXd& weights,
-                               const Eigen::MatrixXd& z_quantiles, Posterior& r) {
+                               const Eigen::MatrixXd& z_quantiles, posterior::Posterior& r) {
   r.points.resize(z.rows(), z.cols());
   transform_->evaluate(z, 0, r.points, no_derivatives_, no_derivatives_);
   r.weights = weights;

@@ -6,9 +6,9 @@
 #include <cmath>
 
 #include "knothe/assimilation/testing/dense_quadrature.hpp"
-#include "knothe/assimilation/testing/test_models.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/likelihood/testing/test_models.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -16,7 +16,7 @@ namespace {
 using numerics::k_quantile_levels;
 
 /// Four smooth functions of d parameters on [0.5, 1.5]^d: products, so that posteriors are bent.
-class SmoothFunctions final : public reduction::ParameterFunctions {
+class SmoothFunctions final : public model::ParameterFunctions {
  public:
   explicit SmoothFunctions(Eigen::Index d) : d_(d) {}
   [[nodiscard]] Eigen::Index dimension() const override { return d_; }
@@ -25,7 +25,7 @@ class SmoothFunctions final : public reduction::ParameterFunctions {
   [[nodiscard]] Eigen::VectorXd upper() const override { return Eigen::VectorXd::Constant(d_, 1.5); }
   /// w_k = sin(c_k·p), with c_k = (1 + k/2, …).
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
-                reduction::FunctionBatch& out) const override {
+                model::FunctionBatch& out) const override {
     for (Eigen::Index k = 0; k < 4; ++k) {
       const Eigen::VectorXd c = Eigen::VectorXd::NullaryExpr(
           d_, [&](Eigen::Index a) { return 1 + 0.5 * static_cast<double>((k + 2 * a) % 4); });
@@ -34,7 +34,7 @@ class SmoothFunctions final : public reduction::ParameterFunctions {
       for (Eigen::Index a = 0; derivatives >= 1 && a < d_; ++a) {
         out.first[static_cast<std::size_t>(a)].col(k) = c[a] * phase.cos();
         for (Eigen::Index b = 0; derivatives >= 2 && b <= a; ++b)
-          out.second[static_cast<std::size_t>(sampling::packed_index(a, b))].col(k) =
+          out.second[static_cast<std::size_t>(posterior::packed_index(a, b))].col(k) =
               -c[a] * c[b] * phase.sin();
       }
     }
@@ -45,19 +45,19 @@ class SmoothFunctions final : public reduction::ParameterFunctions {
 };
 
 /// log p(d₀ … d_{steps − 1} | p(z)) + log N(z; 0, I), term by term.
-class WrittenOut final : public sampling::LogDensity {
+class WrittenOut final : public posterior::LogDensity {
  public:
-  WrittenOut(const reduction::ObservedModel& model, const Eigen::MatrixXd& data, double std,
-             const std::vector<Prior>& priors, Eigen::Index steps)
+  WrittenOut(const model::ObservedModel& model, const Eigen::MatrixXd& data, double std,
+             const std::vector<posterior::Prior>& priors, Eigen::Index steps)
       : model_(model), data_(data), std_(std), priors_(priors), steps_(steps) {}
   [[nodiscard]] Eigen::Index dimension() const override { return static_cast<Eigen::Index>(priors_.size()); }
   [[nodiscard]] int available_derivatives() const override { return 0; }
-  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int, sampling::LogDensityBatch& out) override {
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int, posterior::LogDensityBatch& out) override {
     const Eigen::Index n = z.rows(), d = dimension();
     Eigen::MatrixXd p(n, d);
     for (Eigen::Index k = 0; k < d; ++k)
       for (Eigen::Index i = 0; i < n; ++i) p(i, k) = from(k, z(i, k));
-    reduction::FunctionBatch w;
+    model::FunctionBatch w;
     w.resize(n, d, 4, 0);
     model_.functions->evaluate(p, 0, w);
     out.value = -0.5 * z.rowwise().squaredNorm();
@@ -79,16 +79,16 @@ class WrittenOut final : public sampling::LogDensity {
   }
 
  private:
-  const reduction::ObservedModel& model_;
+  const model::ObservedModel& model_;
   const Eigen::MatrixXd& data_;
   double std_;
-  std::vector<Prior> priors_;
+  std::vector<posterior::Prior> priors_;
   Eigen::Index steps_;
   std::array<std::pair<double, double>, 3> last_{{{NAN, 0}, {NAN, 0}, {NAN, 0}}};
 };
 
 /// What is made from the weighted points: mean and standard deviation of a function of p.
-std::array<double, 2> forecast(const Posterior& posterior, const Eigen::VectorXd& direction) {
+std::array<double, 2> forecast(const posterior::Posterior& posterior, const Eigen::VectorXd& direction) {
   const Eigen::ArrayXd q = (posterior.points * direction).array().exp();
   const double mean = (posterior.weights.array() * q).sum();
   return {mean, std::sqrt((posterior.weights.array() * (q - mean).square()).sum())};
@@ -96,7 +96,7 @@ std::array<double, 2> forecast(const Posterior& posterior, const Eigen::VectorXd
 
 struct ByQuadrature {
   Eigen::Index dimension;
-  Method kind;
+  posterior::Method kind;
   double moments, quantiles;  ///< tolerances, in standard deviations
 };
 
@@ -110,20 +110,21 @@ TEST_P(Quadrature, AgreesWithADenseQuadratureFromThePriorOn) {
   const auto [d, kind, of_moments, of_quantiles] = GetParam();
   const Eigen::Index n = 6;
   const double std = 0.7;
-  const auto model = test::random_model(std::make_shared<SmoothFunctions>(d), n, 4, 4, 21);
-  Eigen::MatrixXd data = test::synthetic_data(*model, Eigen::VectorXd::LinSpaced(d, 1.3, 0.8),
-                                              Eigen::VectorXd::Constant(n, std), 17);
+  const auto model = likelihood::test::random_model(std::make_shared<SmoothFunctions>(d), n, 4, 4, 21);
+  Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::VectorXd::LinSpaced(d, 1.3, 0.8),
+                                                          Eigen::VectorXd::Constant(n, std), 17);
   data.col(0).setConstant(std::nan(""));  // step 0: the prior only
-  std::vector<Prior> priors;
+  std::vector<posterior::Prior> priors;
   for (Eigen::Index k = 0; k < d; ++k)
-    priors.push_back(Prior::normal(0.9 + 0.1 * static_cast<double>(k), std::sqrt(0.2)));
+    priors.push_back(posterior::Prior::normal(0.9 + 0.1 * static_cast<double>(k), std::sqrt(0.2)));
   UpdateOptions options;
   options.kind = kind;
-  SequentialUpdate update(model, NoiseModel::independent(Eigen::VectorXd::Constant(n, std)), priors, options);
+  SequentialUpdate update(model, likelihood::NoiseModel::independent(Eigen::VectorXd::Constant(n, std)),
+                          priors, options);
   priors = update.transform().priors();
   const Eigen::VectorXd direction = Eigen::VectorXd::LinSpaced(d, 1.0, -0.5);
   Eigen::MatrixXd measured = data.rightCols(3);
-  auto later = std::make_shared<reduction::ObservedModel>(*model);
+  auto later = std::make_shared<model::ObservedModel>(*model);
   later->core.erase(later->core.begin());
   later->lift = model->lift.rightCols(3).eval();
   for (std::size_t t = 0; t < 4; ++t) {
@@ -134,7 +135,7 @@ TEST_P(Quadrature, AgreesWithADenseQuadratureFromThePriorOn) {
     SCOPED_TRACE(t);
     EXPECT_TRUE(r.trusted) << r.remark;
     EXPECT_EQ(r.remark, "");
-    EXPECT_EQ(r.method, Method::grid);
+    EXPECT_EQ(r.method, posterior::Method::grid);
     EXPECT_NEAR(r.log_evidence, exact.log_evidence, of_moments);
     for (Eigen::Index k = 0; k < d; ++k) {
       const double s = std::sqrt(exact.covariance(k, k));
@@ -158,7 +159,7 @@ TEST_P(Quadrature, AgreesWithADenseQuadratureFromThePriorOn) {
     EXPECT_NEAR(found_deviation / deviation, 1, of_quantiles);
     if (r.few.weights.size() == 0) continue;
     // The coarser rule, cut off where it carries little.
-    Posterior few;
+    posterior::Posterior few;
     few.points = r.few.points;
     few.weights = r.few.weights;
     const auto [few_mean, few_deviation] = forecast(few, direction);
@@ -169,20 +170,21 @@ TEST_P(Quadrature, AgreesWithADenseQuadratureFromThePriorOn) {
 }
 
 INSTANTIATE_TEST_SUITE_P(OneToThreeParameters, Quadrature,
-                         ::testing::Values(ByQuadrature{1, Method::grid, 1e-4, 1e-3},
-                                           ByQuadrature{2, Method::grid, 1e-4, 1e-3},
-                                           ByQuadrature{3, Method::grid, 1e-4, 1e-3},
-                                           ByQuadrature{1, Method::automatic, 1e-3, 5e-3},
-                                           ByQuadrature{2, Method::automatic, 1e-3, 5e-3},
-                                           ByQuadrature{3, Method::automatic, 1e-3, 5e-2}));
+                         ::testing::Values(ByQuadrature{1, posterior::Method::grid, 1e-4, 1e-3},
+                                           ByQuadrature{2, posterior::Method::grid, 1e-4, 1e-3},
+                                           ByQuadrature{3, posterior::Method::grid, 1e-4, 1e-3},
+                                           ByQuadrature{1, posterior::Method::automatic, 1e-3, 5e-3},
+                                           ByQuadrature{2, posterior::Method::automatic, 1e-3, 5e-3},
+                                           ByQuadrature{3, posterior::Method::automatic, 1e-3, 5e-2}));
 
 TEST(GridUpdate, QuantilesOfAStandardNormalPriorAreRightToAThousandth) {
   const Eigen::Index d = 3;
-  const auto model = test::random_model(std::make_shared<test::LinearFunctions>(d), 4, 4, 1, 3);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::LinearFunctions>(d), 4, 4, 1, 3);
   UpdateOptions options;
-  options.kind = Method::grid;
-  SequentialUpdate update(model, NoiseModel::independent(Eigen::Vector4d::Ones()),
-                          std::vector<Prior>(3, Prior::normal(0, 1)), options);
+  options.kind = posterior::Method::grid;
+  SequentialUpdate update(model, likelihood::NoiseModel::independent(Eigen::Vector4d::Ones()),
+                          std::vector<posterior::Prior>(3, posterior::Prior::normal(0, 1)), options);
   const UpdateResult& r = update.update(0, 0, Eigen::Vector4d::Constant(std::nan("")));
   EXPECT_NEAR(r.log_evidence, 0, 1e-6);
   for (Eigen::Index k = 0; k < d; ++k) {
@@ -194,12 +196,13 @@ TEST(GridUpdate, QuantilesOfAStandardNormalPriorAreRightToAThousandth) {
 }
 
 TEST(GridUpdate, RefusesFourParameters) {
-  const auto model = test::random_model(std::make_shared<test::LinearFunctions>(4), 4, 4, 1, 3);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::LinearFunctions>(4), 4, 4, 1, 3);
   UpdateOptions options;
-  options.kind = Method::grid;
+  options.kind = posterior::Method::grid;
   try {
-    SequentialUpdate(model, NoiseModel::independent(Eigen::Vector4d::Ones()),
-                     std::vector<Prior>(4, Prior::normal(0, 1)), options);
+    SequentialUpdate(model, likelihood::NoiseModel::independent(Eigen::Vector4d::Ones()),
+                     std::vector<posterior::Prior>(4, posterior::Prior::normal(0, 1)), options);
     FAIL();
   } catch (const ProjectError& error) {
     EXPECT_STREQ(error.what(), "method.kind = \"grid\" takes 1 to 3 parameters; use \"transport\" for more");

@@ -7,21 +7,21 @@
 #include <optional>
 #include <vector>
 
-#include "knothe/assimilation/noise/noise_model.hpp"
 #include "knothe/assimilation/update/compatibility.hpp"
-#include "knothe/assimilation/update/prior.hpp"
-#include "knothe/assimilation/update/robust_options.hpp"
 #include "knothe/assimilation/update/update_options.hpp"
-#include "knothe/reduction/observe/observed_model.hpp"
+#include "knothe/likelihood/noise/noise_model.hpp"
+#include "knothe/likelihood/step/robust_options.hpp"
+#include "knothe/model/observe/observed_model.hpp"
+#include "knothe/posterior/prior/prior.hpp"
 
 namespace knothe::assimilation {
 
 struct Problem {
-  std::shared_ptr<const reduction::ObservedModel> model;  ///< at the sensors
-  NoiseModel noise;                                       ///< of a datum without noise of its own
-  std::vector<Prior> priors;                              ///< in the order of the model's parameters
+  std::shared_ptr<const model::ObservedModel> model;  ///< at the sensors
+  likelihood::NoiseModel noise;                       ///< of a datum without noise of its own
+  std::vector<posterior::Prior> priors;               ///< in the order of the model's parameters
   UpdateOptions update;
-  RobustOptions robust;  ///< gating, Student-t
+  likelihood::RobustOptions robust;  ///< gating, Student-t
   /// Steps to assimilate with the corrected model, first and last; needs `update.learn_bias`.
   std::optional<std::array<std::size_t, 2>> corrected_steps;
 };

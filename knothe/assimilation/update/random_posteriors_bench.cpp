@@ -8,9 +8,9 @@
 #include <chrono>
 #include <cstdlib>
 
-#include "knothe/assimilation/testing/bench_models.hpp"
 #include "knothe/assimilation/testing/random_posteriors.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
+#include "knothe/likelihood/testing/bench_models.hpp"
 
 namespace {
 

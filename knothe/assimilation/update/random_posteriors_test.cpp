@@ -19,14 +19,14 @@ void check_posteriors(const test::RandomPosterior& situation, Tally& tally) {
   SequentialUpdate update(situation.model, situation.noise(), situation.priors());
   for (Eigen::Index t = 0; t < situation.steps(); ++t) {
     const auto step = static_cast<std::size_t>(t);
-    update.add(test::datum(step, situation.datum(t)), step);
+    update.add(likelihood::test::datum(step, situation.datum(t)), step);
     if (t != 0 && t + 1 != situation.steps()) continue;
     const UpdateResult& r = update.follow(step);
     const auto exact = situation.exact(t);
     EXPECT_TRUE(exact.resolved) << situation.name;
     EXPECT_TRUE(r.points.allFinite() && r.mean.allFinite()) << situation.name;
     ++tally.steps;
-    if (r.mean.size() > 3) EXPECT_EQ(r.method, Method::sequential_monte_carlo) << situation.name;
+    if (r.mean.size() > 3) EXPECT_EQ(r.method, posterior::Method::sequential_monte_carlo) << situation.name;
     if (!r.trusted) {
       EXPECT_NE(r.remark, "") << situation.name;
       continue;
@@ -61,7 +61,7 @@ TEST(RandomPosteriors, SumsAlongTheChainAreOneGrid) {
 
 TEST(RandomPosteriors, WhatIsTrustedIsRight) {
   const char* text = std::getenv("KNOTHE_RANDOM_POSTERIORS");
-  const int count = text ? std::atoi(text) : testing::by_form(6, 20);
+  const int count = text ? std::atoi(text) : knothe::test::by_form(6, 20);
   Tally tally;
   for (int i = 0; i < count; ++i)
     check_posteriors(test::RandomPosterior(3 + i % 6, 1000 + static_cast<unsigned>(i)), tally);

@@ -19,8 +19,9 @@ constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
 
 }  // namespace
 
-RobustUpdate::RobustUpdate(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
-                           std::vector<Prior> priors, UpdateOptions options, RobustOptions robust)
+RobustUpdate::RobustUpdate(std::shared_ptr<const model::ObservedModel> model, likelihood::NoiseModel noise,
+                           std::vector<posterior::Prior> priors, UpdateOptions options,
+                           likelihood::RobustOptions robust)
     : model_(model),
       noise_(noise),
       robust_(robust),
@@ -36,16 +37,16 @@ RobustUpdate::RobustUpdate(std::shared_ptr<const reduction::ObservedModel> model
   prior_.weights = Eigen::VectorXd::Constant(512, 1.0 / 512);
 }
 
-void RobustUpdate::set_step_noise(std::size_t step, const GaussianNoise& noise) {
+void RobustUpdate::set_step_noise(std::size_t step, const likelihood::GaussianNoise& noise) {
   if (robust_.degrees_of_freedom > 0 && !noise.is_independent())
     throw UsageError("a Student-t likelihood is for sensors whose noise is independent in space: use gating");
   noise_ = noise_.with_step(step, noise);
 }
 
 RobustUpdate::Prediction RobustUpdate::predict(std::size_t time_index) const {
-  const Posterior& before = last_ ? posterior() : prior_;
+  const posterior::Posterior& before = last_ ? posterior() : prior_;
   const auto& functions = *model_->functions;
-  reduction::FunctionBatch batch;
+  model::FunctionBatch batch;
   batch.resize(before.points.rows(), functions.dimension(), functions.count(), 0);
   functions.evaluate(before.points, 0, batch);
   Eigen::VectorXd mean;
@@ -69,7 +70,7 @@ const UpdateResult& RobustUpdate::update(std::size_t step, std::size_t time_inde
         *last_));
   }
   const auto start = Clock::now();
-  if (const bool own = has_own_noise(noise_, step); own || last_had_own_noise_) {
+  if (const bool own = likelihood::has_own_noise(noise_, step); own || last_had_own_noise_) {
     noise_std_ = noise_.at_step(step).standard_deviations();
     last_had_own_noise_ = own;
   }
@@ -119,9 +120,10 @@ void RobustUpdate::assimilate(std::size_t step, std::size_t time_index, const Ei
     const Eigen::VectorXd& factor = student_->precision_factors();
     sensors_.weight = factor.array().isNaN().select(sensors_.weight, factor);
   } else {
-    Datum datum{{}, step, time_index, values, std::nullopt};  // as it is judged: without what is rejected
-    if (has_own_noise(noise_, step)) datum.noise = noise_.at_step(step);
-    gaussian_->add(std::make_shared<const Datum>(std::move(datum)), time_index);
+    likelihood::Datum datum{
+        {}, step, time_index, values, std::nullopt};  // as it is judged: without what is rejected
+    if (likelihood::has_own_noise(noise_, step)) datum.noise = noise_.at_step(step);
+    gaussian_->add(std::make_shared<const likelihood::Datum>(std::move(datum)), time_index);
     result_ = gaussian_->conclude(step);
   }
 }

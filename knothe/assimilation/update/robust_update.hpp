@@ -5,10 +5,10 @@
 #include <optional>
 #include <vector>
 
-#include "knothe/assimilation/data/sensor_watch.hpp"
-#include "knothe/assimilation/update/robust_options.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/assimilation/update/student_update.hpp"
+#include "knothe/likelihood/data/sensor_watch.hpp"
+#include "knothe/likelihood/step/robust_options.hpp"
 
 namespace knothe::assimilation {
 
@@ -26,20 +26,20 @@ class RobustUpdate {
  public:
   /// As SequentialUpdate's. Errors: UsageError for a Student-t likelihood with noise that is correlated in
   /// space or shared in time.
-  RobustUpdate(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
-               std::vector<Prior> priors, UpdateOptions options, RobustOptions robust);
+  RobustUpdate(std::shared_ptr<const model::ObservedModel> model, likelihood::NoiseModel noise,
+               std::vector<posterior::Prior> priors, UpdateOptions options, likelihood::RobustOptions robust);
 
   /// Steps in increasing order: UsageError otherwise.
   const UpdateResult& update(std::size_t step, std::size_t time_index,
                              const Eigen::Ref<const Eigen::VectorXd>& values);
   /// From now on step `step`, which is not assimilated yet, has this noise. UsageError for a Student-t
   /// likelihood where it is correlated.
-  void set_step_noise(std::size_t step, const GaussianNoise& noise);
+  void set_step_noise(std::size_t step, const likelihood::GaussianNoise& noise);
   [[nodiscard]] const UpdateResult& result() const { return result_; }
   [[nodiscard]] const SensorReport& sensors() const { return sensors_; }
-  [[nodiscard]] const Posterior& posterior() const { return result_; }
+  [[nodiscard]] const posterior::Posterior& posterior() const { return result_; }
   /// The form of the last datum given those before; null before the first.
-  [[nodiscard]] const StepForm* latest_form() const {
+  [[nodiscard]] const likelihood::StepForm* latest_form() const {
     if (!last_) return nullptr;
     return student_ ? &student_->latest_form() : gaussian_->form_of(*last_);
   }
@@ -52,14 +52,14 @@ class RobustUpdate {
   void check_sensors(const Prediction& before, const Eigen::Ref<const Eigen::VectorXd>& values);
   void assimilate(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values);
 
-  std::shared_ptr<const reduction::ObservedModel> model_;
-  NoiseModel noise_;
-  RobustOptions robust_;
+  std::shared_ptr<const model::ObservedModel> model_;
+  likelihood::NoiseModel noise_;
+  likelihood::RobustOptions robust_;
   std::optional<SequentialUpdate> gaussian_;  ///< one of the two
   std::optional<StudentUpdate> student_;
-  SensorWatch watch_;
-  Eigen::VectorXd noise_std_;  ///< of the step at hand
-  Posterior prior_;            ///< draws of the prior: the posterior before the first datum
+  likelihood::SensorWatch watch_;
+  Eigen::VectorXd noise_std_;   ///< of the step at hand
+  posterior::Posterior prior_;  ///< draws of the prior: the posterior before the first datum
   bool last_had_own_noise_ = false;
   std::optional<std::size_t> last_;
   UpdateResult result_;

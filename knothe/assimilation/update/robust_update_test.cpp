@@ -7,31 +7,32 @@
 #include <numbers>
 
 #include "knothe/assimilation/testing/dense_quadrature.hpp"
-#include "knothe/assimilation/testing/test_models.hpp"
 #include "knothe/assimilation/update/posterior_solver.hpp"
-#include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/testing/long_form.hpp"
+#include "knothe/likelihood/step/prior_of_model.hpp"
+#include "knothe/likelihood/testing/test_models.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
 
 namespace knothe::assimilation {
 namespace {
 
-using test::CurvedFunctions;
-using test::random_model;
-using test::synthetic_data;
+using likelihood::test::CurvedFunctions;
+using likelihood::test::random_model;
+using likelihood::test::synthetic_data;
 
 constexpr Eigen::Index k_sensors = 40, k_steps = 8;
 const double k_nan = std::nan("");
 
 class Robust : public ::testing::Test {
  protected:
-  std::shared_ptr<const reduction::ObservedModel> model_ =
-      random_model(std::make_shared<CurvedFunctions>(), k_sensors, 4, k_steps, 33);
+  std::shared_ptr<const model::ObservedModel> model_ = likelihood::test::random_model(
+      std::make_shared<likelihood::test::CurvedFunctions>(), k_sensors, 4, k_steps, 33);
   Eigen::VectorXd std_ = Eigen::VectorXd::Constant(k_sensors, 0.6);
   Eigen::Vector2d truth_{1.0, 1.1};
-  Eigen::MatrixXd clean_ = synthetic_data(*model_, truth_, std_, 4);
-  std::vector<Prior> priors_ = {Prior::normal(0.9, 0.45), Prior::normal(1.1, 0.45)};
+  Eigen::MatrixXd clean_ = likelihood::test::synthetic_data(*model_, truth_, std_, 4);
+  std::vector<posterior::Prior> priors_ = {posterior::Prior::normal(0.9, 0.45),
+                                           posterior::Prior::normal(1.1, 0.45)};
 
   /// 5 % of the values are 20 σ off, on either side.
   [[nodiscard]] Eigen::MatrixXd contaminated() const {
@@ -43,8 +44,8 @@ class Robust : public ::testing::Test {
     return data;
   }
 
-  [[nodiscard]] RobustUpdate make(RobustOptions options) const {
-    return RobustUpdate(model_, NoiseModel::independent(std_), priors_, {}, options);
+  [[nodiscard]] RobustUpdate make(likelihood::RobustOptions options) const {
+    return RobustUpdate(model_, likelihood::NoiseModel::independent(std_), priors_, {}, options);
   }
 
   static const UpdateResult& run(RobustUpdate& update, const Eigen::MatrixXd& data) {
@@ -79,19 +80,19 @@ TEST_F(Robust, OutliersMoveAStudentPosteriorByLessThanAQuarterOfItsStd) {
 
 /// The exact posterior with Student-t noise of all data given, all values at every point,
 /// constants included.
-class StudentDensity final : public sampling::LogDensity {
+class StudentDensity final : public posterior::LogDensity {
  public:
-  StudentDensity(const reduction::ObservedModel& model, Eigen::MatrixXd data, const Eigen::VectorXd& std,
-                 const std::vector<Prior>& priors, double nu)
+  StudentDensity(const model::ObservedModel& model, Eigen::MatrixXd data, const Eigen::VectorXd& std,
+                 const std::vector<posterior::Prior>& priors, double nu)
       : model_(model), data_(std::move(data)), std_(std), transform_(priors), nu_(nu) {}
   [[nodiscard]] Eigen::Index dimension() const override { return transform_.dimension(); }
   [[nodiscard]] int available_derivatives() const override { return 0; }
-  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int, sampling::LogDensityBatch& out) override {
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int, posterior::LogDensityBatch& out) override {
     const double of_one =
         std::lgamma((nu_ + 1) / 2) - std::lgamma(nu_ / 2) - 0.5 * std::log(nu_ * std::numbers::pi);
     Eigen::MatrixXd p(z.rows(), z.cols()), none;
     transform_.evaluate(z, 0, p, none, none);
-    reduction::FunctionBatch w;
+    model::FunctionBatch w;
     w.resize(z.rows(), z.cols(), model_.functions->count(), 0);
     model_.functions->evaluate(p, 0, w);
     out.value.setZero();
@@ -104,17 +105,17 @@ class StudentDensity final : public sampling::LogDensity {
         out.value.array() += of_one - std::log(std_[i]) - 0.5 * (nu_ + 1) * (1 + e.square() / nu_).log();
       }
     }
-    add_standard_normal(z, 0, out);
+    likelihood::add_standard_normal(z, 0, out);
   }
   [[nodiscard]] double parameter(Eigen::Index k, double z) const {
     return transform_.prior(k).from_standard_normal(z).value;
   }
 
  private:
-  const reduction::ObservedModel& model_;
+  const model::ObservedModel& model_;
   Eigen::MatrixXd data_;
   Eigen::VectorXd std_;
-  PriorTransform transform_;
+  posterior::PriorTransform transform_;
   double nu_;
 };
 
@@ -124,9 +125,9 @@ struct Tolerance {
 };
 
 /// Moments, quantiles and evidence at every step against dense quadrature.
-void expect_exact_student(RobustUpdate& update, const reduction::ObservedModel& model,
+void expect_exact_student(RobustUpdate& update, const model::ObservedModel& model,
                           const Eigen::MatrixXd& data, const Eigen::VectorXd& std,
-                          const std::vector<Prior>& priors, double nu, Eigen::Index nodes,
+                          const std::vector<posterior::Prior>& priors, double nu, Eigen::Index nodes,
                           const Tolerance& tolerance = {}) {
   double before = 0;
   for (std::size_t t = 0; t < static_cast<std::size_t>(data.cols()); ++t) {
@@ -155,10 +156,10 @@ void expect_exact_student(RobustUpdate& update, const reduction::ObservedModel& 
 }
 
 TEST_F(Robust, AStudentPosteriorIsTheExactOneAtEveryStep) {
-  std::vector<Prior> priors;
-  for (const Prior& prior : priors_) priors.push_back(prior.truncated(0.5, 1.5, "p"));
-  for (unsigned seed = 4; seed <= testing::by_form(4U, 7U); ++seed) {
-    clean_ = synthetic_data(*model_, truth_, std_, seed);
+  std::vector<posterior::Prior> priors;
+  for (const posterior::Prior& prior : priors_) priors.push_back(prior.truncated(0.5, 1.5, "p"));
+  for (unsigned seed = 4; seed <= knothe::test::by_form(4U, 7U); ++seed) {
+    clean_ = likelihood::test::synthetic_data(*model_, truth_, std_, seed);
     for (const bool outliers : {false, true}) {
       SCOPED_TRACE(seed);
       RobustUpdate update = make({0, 4});
@@ -168,30 +169,32 @@ TEST_F(Robust, AStudentPosteriorIsTheExactOneAtEveryStep) {
 }
 
 TEST_F(Robust, WithFewValuesAStudentPosteriorIsByQuadrature) {
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), 5, 4, k_steps, 34);
+  const auto model = likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), 5,
+                                                    4, k_steps, 34);
   const Eigen::VectorXd std = std_.head(5);
-  std::vector<Prior> priors;
-  for (const Prior& prior : priors_) priors.push_back(prior.truncated(0.5, 1.5, "p"));
+  std::vector<posterior::Prior> priors;
+  for (const posterior::Prior& prior : priors_) priors.push_back(prior.truncated(0.5, 1.5, "p"));
   for (const unsigned seed : {1U, 2U}) {
     SCOPED_TRACE(seed);
-    Eigen::MatrixXd data = synthetic_data(*model, truth_, std, seed);
+    Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, truth_, std, seed);
     data(1, 0) += 8 * std[1], data(3, 2) -= 5 * std[3], data(2, 4) = k_nan;
-    RobustUpdate update(model, NoiseModel::independent(std), priors_, {}, {0, 2});
+    RobustUpdate update(model, likelihood::NoiseModel::independent(std), priors_, {}, {0, 2});
     expect_exact_student(update, *model, data, std, priors, 2, 501);
   }
 }
 
 TEST_F(Robust, WithThreeParametersAndFewValuesAStudentPosteriorIsByWeightedDraws) {
-  const auto model = random_model(std::make_shared<test::LinearFunctions>(3), 5, 4, 3, 35);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::LinearFunctions>(3), 5, 4, 3, 35);
   const Eigen::VectorXd std = 2 * std_.head(5);
-  const std::vector<Prior> priors(3, Prior::normal(0, 1));
-  Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector3d(0.5, -0.5, 1), std, 3);
+  const std::vector<posterior::Prior> priors(3, posterior::Prior::normal(0, 1));
+  Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector3d(0.5, -0.5, 1), std, 3);
   data(1, 0) += 6 * std[1], data(2, 0) -= 4 * std[2], data(3, 2) -= 5 * std[3], data(2, 1) = k_nan;
-  RobustUpdate update(model, NoiseModel::independent(std), priors, {}, {0, 1});
-  RobustUpdate first(model, NoiseModel::independent(std), priors, {}, {0, 1});
+  RobustUpdate update(model, likelihood::NoiseModel::independent(std), priors, {}, {0, 1});
+  RobustUpdate first(model, likelihood::NoiseModel::independent(std), priors, {}, {0, 1});
   expect_exact_student(update, *model, data, std, priors, 1, 141, {0.05, 0.04, 0.15, 0.06});
   const UpdateResult& r = first.update(0, 0, data.col(0));
-  EXPECT_EQ(r.method, Method::sequential_monte_carlo);
+  EXPECT_EQ(r.method, posterior::Method::sequential_monte_carlo);
   EXPECT_NE(r.remark.find("moments, quantiles and evidence are by weighted draws"), std::string::npos)
       << r.remark;
 }
@@ -200,11 +203,12 @@ TEST_F(Robust, TheMostProbablePointOfAStudentPosteriorIsItsMaximum) {
   const Eigen::MatrixXd data = contaminated();
   RobustUpdate update = make({0, 4});
   const UpdateResult& r = run(update, data);
-  StudentDensity exact(*model_, data, std_, std::vector<Prior>(2, Prior::uniform(0.5, 1.5)), 4);
+  StudentDensity exact(*model_, data, std_,
+                       std::vector<posterior::Prior>(2, posterior::Prior::uniform(0.5, 1.5)), 4);
   const auto density = [&](const Eigen::Vector2d& p) {  // of p: the likelihood times the normal priors
     Eigen::RowVector2d z;
     for (Eigen::Index k = 0; k < 2; ++k) z[k] = numerics::normal_quantile(p[k] - 0.5);
-    sampling::LogDensityBatch batch;
+    posterior::LogDensityBatch batch;
     batch.resize(1, 2, 0);
     exact.evaluate(z, 0, batch);
     double value = batch.value[0] + 0.5 * z.squaredNorm();
@@ -245,7 +249,7 @@ TEST_F(Robust, AWrongModelIsNotAllItsSensorsFault) {
 
 TEST_F(Robust, WithoutOutliersGatingChangesNothing) {
   RobustUpdate gated = make({8, 0});
-  SequentialUpdate plain(model_, NoiseModel::independent(std_), priors_);
+  SequentialUpdate plain(model_, likelihood::NoiseModel::independent(std_), priors_);
   for (std::size_t t = 0; t < k_steps; ++t) plain.update(t, t, clean_.col(static_cast<Eigen::Index>(t)));
   EXPECT_EQ(run(gated, clean_).mean, plain.result().mean);
 }
@@ -256,12 +260,12 @@ TEST_F(Robust, AGateAllowsForTheErrorOfTheClock) {
   for (Eigen::Index i = 0; i < k_sensors; i += 3) factor(i, 0) = 10 * std_[i];
   Eigen::MatrixXd data = clean_;
   data.col(k_steps - 1) += factor;
-  const NoiseModel plain = NoiseModel::independent(std_);
+  const likelihood::NoiseModel plain = likelihood::NoiseModel::independent(std_);
   RobustUpdate without(model_, plain, priors_, {}, {6, 0});
   EXPECT_GT(run(without, data).rejected, 10);
   RobustUpdate with(model_, plain.with_step_error(k_steps - 1, factor), priors_, {}, {6, 0});
   EXPECT_EQ(run(with, data).rejected, 0);
-  const NoiseModel clock = plain.with_step_error(1, factor);
+  const likelihood::NoiseModel clock = plain.with_step_error(1, factor);
   EXPECT_THROW(RobustUpdate(model_, clock, priors_, {}, {0, 4}), UsageError);
 }
 
@@ -271,14 +275,14 @@ TEST_F(Robust, AGateGoesWithDataThatGrowOld) {
   options.change_points = {5};
   options.change_retention = 0.3;
   // A gate that rejects nothing: to the bit what there is without it.
-  RobustUpdate wide(model_, NoiseModel::independent(std_), priors_, options, {50, 0});
-  SequentialUpdate plain(model_, NoiseModel::independent(std_), priors_, options);
+  RobustUpdate wide(model_, likelihood::NoiseModel::independent(std_), priors_, options, {50, 0});
+  SequentialUpdate plain(model_, likelihood::NoiseModel::independent(std_), priors_, options);
   const UpdateResult& gated = run(wide, clean_);
   for (std::size_t t = 0; t < k_steps; ++t) plain.update(t, t, clean_.col(static_cast<Eigen::Index>(t)));
   EXPECT_EQ(gated.mean, plain.result().mean);
   EXPECT_EQ(gated.log_evidence, plain.result().log_evidence);
   // And one that takes the outliers out.
-  RobustUpdate narrow(model_, NoiseModel::independent(std_), priors_, options, {6, 0});
+  RobustUpdate narrow(model_, likelihood::NoiseModel::independent(std_), priors_, options, {6, 0});
   const UpdateResult& cleaned = run(narrow, contaminated());
   EXPECT_GT(cleaned.rejected, 0);
   for (Eigen::Index k = 0; k < 2; ++k)
@@ -287,7 +291,7 @@ TEST_F(Robust, AGateGoesWithDataThatGrowOld) {
 
 TEST_F(Robust, StudentNeedsIndependentNoise) {
   try {
-    RobustUpdate(model_, NoiseModel::independent(std_).with_offsets(0.1), priors_, {}, {0, 4});
+    RobustUpdate(model_, likelihood::NoiseModel::independent(std_).with_offsets(0.1), priors_, {}, {0, 4});
     FAIL();
   } catch (const UsageError& error) {
     EXPECT_TRUE(std::string(error.what()).starts_with("a Student-t likelihood is for sensors"))
@@ -310,18 +314,22 @@ double by_quadrature(double misfit, double log_normaliser, double n, double a, d
 TEST_F(Robust, AnUnknownNoiseLevelIsIntegratedOut) {
   const double a = 2.5, b = 1.2;
   const Eigen::Index n = 5;
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 1, 3);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), n, 4, 1, 3);
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.5);
-  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1, 1), 2 * std, 8);
-  DatumProjector projector(model, NoiseModel::independent(std), Eigen::Vector2d(1, 1));
-  CollapsedLogDensity density(
-      model->functions, std::make_shared<PriorTransform>(std::vector<Prior>(2, Prior::uniform(0.5, 1.5))),
+  const Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector2d(1, 1), 2 * std, 8);
+  likelihood::DatumProjector projector(model, likelihood::NoiseModel::independent(std),
+                                       Eigen::Vector2d(1, 1));
+  likelihood::CollapsedLogDensity density(
+      model->functions,
+      std::make_shared<posterior::PriorTransform>(
+          std::vector<posterior::Prior>(2, posterior::Prior::uniform(0.5, 1.5))),
       projector.central_functions());
   density.infer_noise_level({a, b});
-  StepForm form;
+  likelihood::StepForm form;
   projector.project(0, 0, data.col(0), form);
   density.set_form(form);
-  sampling::LogDensityBatch batch;
+  posterior::LogDensityBatch batch;
   batch.resize(1, 2, 0);
   for (const Eigen::Vector2d& p : {Eigen::Vector2d(1, 1), Eigen::Vector2d(0.7, 1.3)}) {
     density.evaluate_likelihood(p.transpose(), 0, batch);
@@ -329,17 +337,17 @@ TEST_F(Robust, AnUnknownNoiseLevelIsIntegratedOut) {
     EXPECT_NEAR(batch.value[0], by_quadrature(misfit, form.log_normaliser, n, a, b), 1e-8);
     EXPECT_NEAR(density.noise_level()->expected(batch.value[0]), (b + misfit / 2) / (a + n / 2.0 - 1), 1e-10);
   }
-  test::expect_exact_derivatives(density, {{0.1, -0.4}, {-1.3, 0.9}});
+  likelihood::test::expect_exact_derivatives(density, {{0.1, -0.4}, {-1.3, 0.9}});
 }
 
 TEST_F(Robust, TheNoiseLevelOfTheDataIsFound) {
   UpdateOptions options;
-  options.noise_level = NoiseLevel(2, 1);
-  SequentialUpdate update(model_, NoiseModel::independent(std_ / 3), priors_, options);
+  options.noise_level = likelihood::NoiseLevel(2, 1);
+  SequentialUpdate update(model_, likelihood::NoiseModel::independent(std_ / 3), priors_, options);
   for (std::size_t t = 0; t < k_steps; ++t) update.update(t, t, clean_.col(static_cast<Eigen::Index>(t)));
   // 320 values: the factor 9 of the variance to within 8 % (one std), three of them allowed.
   EXPECT_NEAR(update.result().noise_level.value(), 9, 9 * 0.24);
-  SequentialUpdate known(model_, NoiseModel::independent(std_), priors_);
+  SequentialUpdate known(model_, likelihood::NoiseModel::independent(std_), priors_);
   for (std::size_t t = 0; t < k_steps; ++t) known.update(t, t, clean_.col(static_cast<Eigen::Index>(t)));
   for (Eigen::Index k = 0; k < 2; ++k) {
     const double s = std::sqrt(known.result().covariance(k, k));
@@ -351,18 +359,21 @@ TEST_F(Robust, TheNoiseLevelOfTheDataIsFound) {
 TEST_F(Robust, OffsetsAreIntegratedOut) {
   // Against the dense covariance σ² I + τ² 1 1ᵀ of each sensor's values.
   const double tau = 0.8;
-  DatumProjector projector(model_, NoiseModel::independent(std_).with_offsets(tau), Eigen::Vector2d(1, 1));
-  CollapsedLogDensity density(
-      model_->functions, std::make_shared<PriorTransform>(std::vector<Prior>(2, Prior::uniform(0.5, 1.5))),
+  likelihood::DatumProjector projector(model_, likelihood::NoiseModel::independent(std_).with_offsets(tau),
+                                       Eigen::Vector2d(1, 1));
+  likelihood::CollapsedLogDensity density(
+      model_->functions,
+      std::make_shared<posterior::PriorTransform>(
+          std::vector<posterior::Prior>(2, posterior::Prior::uniform(0.5, 1.5))),
       projector.central_functions());
-  StepForm sum = StepForm::zero(3), form;
+  likelihood::StepForm sum = likelihood::StepForm::zero(3), form;
   for (std::size_t t = 0; t < k_steps; ++t) {
     projector.project(t, t, clean_.col(static_cast<Eigen::Index>(t)), form);
     sum.add(form);
   }
   density.set_form(sum);
   const Eigen::Vector2d p(0.8, 1.2);
-  sampling::LogDensityBatch batch;
+  posterior::LogDensityBatch batch;
   batch.resize(1, 2, 0);
   density.evaluate_likelihood(p.transpose(), 0, batch);
   const Eigen::MatrixXd covariance = 0.36 * Eigen::MatrixXd::Identity(k_steps, k_steps) +
@@ -379,10 +390,11 @@ TEST_F(Robust, OffsetsAreIntegratedOut) {
 
 TEST(MissingData, AnySplitOfMissingDataIsTheReducedProblem) {
   const Eigen::Index n = 12;
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 3, 3);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), n, 4, 3, 3);
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.3);
-  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1.1, 0.8), std, 8);
-  const std::vector<Prior> priors(2, Prior::uniform(0.5, 1.5));
+  const Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector2d(1.1, 0.8), std, 8);
+  const std::vector<posterior::Prior> priors(2, posterior::Prior::uniform(0.5, 1.5));
   for (int split = 0; split < 6; ++split) {
     Eigen::MatrixXd gaps = data;
     for (Eigen::Index t = 0; t < 3; ++t) {
@@ -390,12 +402,14 @@ TEST(MissingData, AnySplitOfMissingDataIsTheReducedProblem) {
         if ((i * (split + 2) + t * 5 + split) % 7 < 1 + split % 4) gaps(i, t) = k_nan;
       }
     }
-    SequentialUpdate with_gaps(model, NoiseModel::independent(std), priors);
+    SequentialUpdate with_gaps(model, likelihood::NoiseModel::independent(std), priors);
     // The reduced problem: at every step a model of the values that are there, forms added up.
-    const auto transform = truncated_to_box(*model, priors);
+    const auto transform = likelihood::truncated_to_box(*model, priors);
     const Eigen::VectorXd central =
-        DatumProjector(model, NoiseModel::independent(std), medians(*transform)).central_functions();
-    FormSums reduced = FormSums::zero(central.size());
+        likelihood::DatumProjector(model, likelihood::NoiseModel::independent(std),
+                                   likelihood::medians(*transform))
+            .central_functions();
+    likelihood::FormSums reduced = likelihood::FormSums::zero(central.size());
     for (std::size_t t = 0; t < 3; ++t) {
       const Eigen::VectorXd column = gaps.col(static_cast<Eigen::Index>(t));
       with_gaps.update(t, t, column);
@@ -403,16 +417,17 @@ TEST(MissingData, AnySplitOfMissingDataIsTheReducedProblem) {
       for (Eigen::Index i = 0; i < n; ++i) {
         if (!std::isnan(column[i])) kept.push_back(i);
       }
-      auto part = std::make_shared<reduction::ObservedModel>(*model);
+      auto part = std::make_shared<model::ObservedModel>(*model);
       part->space = model->space(kept, Eigen::all);
       part->lift = model->lift(kept, Eigen::all);
-      DatumProjector projector(part, NoiseModel::independent(std(kept)), medians(*transform));
-      StepForm form;
+      likelihood::DatumProjector projector(part, likelihood::NoiseModel::independent(std(kept)),
+                                           likelihood::medians(*transform));
+      likelihood::StepForm form;
       projector.project(t, t, column(kept), form);
       reduced.form.add(form);
     }
     PosteriorSolver solver(*model, transform, central, {});
-    Posterior expected;
+    posterior::Posterior expected;
     UpdateTimes times;
     solver.set(reduced, {});
     solver.solve(reduced.form, expected, times);

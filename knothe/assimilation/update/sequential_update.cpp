@@ -7,16 +7,17 @@
 #include <utility>
 
 #include "knothe/assimilation/update/compatibility.hpp"
-#include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/monotonic_time.hpp"
+#include "knothe/likelihood/step/prior_of_model.hpp"
 
 namespace knothe::assimilation {
 
-SequentialUpdate::SequentialUpdate(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
-                                   std::vector<Prior> priors, UpdateOptions options)
-    : transform_(truncated_to_box(*model, std::move(priors))),
-      store_(model, std::move(noise), medians(*transform_)),
+SequentialUpdate::SequentialUpdate(std::shared_ptr<const model::ObservedModel> model,
+                                   likelihood::NoiseModel noise, std::vector<posterior::Prior> priors,
+                                   UpdateOptions options)
+    : transform_(likelihood::truncated_to_box(*model, std::move(priors))),
+      store_(model, std::move(noise), likelihood::medians(*transform_)),
       solver_(*model, transform_, store_.projector().central_functions(), options),
       supervision_(model, store_.projector().noise(), transform_, options),
       changes_(options),
@@ -52,7 +53,9 @@ const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_
     throw UsageError(
         fmt::format("step {} is assimilated already: withdraw it before assimilating it again", step));
   const auto start = monotonic_now();
-  add(std::make_shared<const Datum>(Datum{{}, step, time_index, values, std::nullopt}), time_index);
+  add(std::make_shared<const likelihood::Datum>(
+          likelihood::Datum{{}, step, time_index, values, std::nullopt}),
+      time_index);
   apply_changes();
   const double projection = microseconds_since(start);
   conclude(store_.last());
@@ -65,11 +68,11 @@ const UpdateResult& SequentialUpdate::remove(std::size_t step) {
   return store_.steps().empty() ? result_ : conclude(store_.last());
 }
 
-void SequentialUpdate::add(DatumPointer datum, std::size_t time_index) {
+void SequentialUpdate::add(likelihood::DatumPointer datum, std::size_t time_index) {
   store_.add(std::move(datum), time_index);
 }
 
-void SequentialUpdate::withdraw(std::size_t step, const DatumKey& key) {
+void SequentialUpdate::withdraw(std::size_t step, const likelihood::DatumKey& key) {
   store_.withdraw(step, key);
   if (store_.steps().empty()) restart();
 }
@@ -79,14 +82,14 @@ void SequentialUpdate::apply_changes() {
   if (changed && summed_ && *summed_ >= *changed) rewind(*changed);
 }
 
-const StepForm* SequentialUpdate::form_of(std::size_t step) const {
+const likelihood::StepForm* SequentialUpdate::form_of(std::size_t step) const {
   const auto found = store_.steps().find(step);
   return found == store_.steps().end() ? nullptr : &found->second.assimilated();
 }
 
-StepForm SequentialUpdate::form_up_to(std::size_t step) {
+likelihood::StepForm SequentialUpdate::form_up_to(std::size_t step) {
   apply_changes();
-  StepForm sum = StepForm::zero(store_.projector().central_functions().size());
+  likelihood::StepForm sum = likelihood::StepForm::zero(store_.projector().central_functions().size());
   const auto& steps = store_.steps();
   for (auto it = steps.begin(); it != steps.end() && it->first <= step; ++it) {
     // Data of a structure that changes grow old; a power of 1 leaves the sum as it is, to the bit.
@@ -144,7 +147,8 @@ const UpdateResult& SequentialUpdate::preview(std::size_t step) {
   if (posteriors_depend_on_earlier()) return follow(step);
   apply_changes();
   const auto last = store_.find(step);
-  const FormSums followed = std::exchange(sums_, FormSums::zero(sums_.form.linear.size()));
+  const likelihood::FormSums followed =
+      std::exchange(sums_, likelihood::FormSums::zero(sums_.form.linear.size()));
   try {
     for (auto it = store_.steps().begin(); it != std::next(last); ++it) {
       sums_.add(it->second);
@@ -176,7 +180,7 @@ const UpdateResult& SequentialUpdate::redo(std::size_t from, std::size_t to) {
 /// All earlier steps are in the sums, and `supervision_` knows them.
 void SequentialUpdate::assimilate(std::size_t step) {
   const auto start = monotonic_now();
-  StoredStep& stored = store_.steps().at(step);
+  likelihood::StoredStep& stored = store_.steps().at(step);
   supervision_.save(step);
   if (changes_.possible()) {
     changes_.save(step, sums_);
@@ -204,7 +208,7 @@ void SequentialUpdate::assimilate_from(std::size_t from, std::size_t to) {
 /// The posterior of the sums as that of `step`.
 void SequentialUpdate::solve(std::size_t step) {
   const auto here = store_.steps().find(step);
-  StoredStep& stored = here->second;
+  likelihood::StoredStep& stored = here->second;
   UpdateResult fresh;
   fresh.points.swap(result_.points);  // their memory is used again
   fresh.weights.swap(result_.weights);
@@ -326,7 +330,7 @@ void SequentialUpdate::restore_sums(std::size_t step) {
 }
 
 void SequentialUpdate::restart_sums() {
-  sums_ = FormSums::zero(store_.projector().central_functions().size());
+  sums_ = likelihood::FormSums::zero(store_.projector().central_functions().size());
 }
 
 void SequentialUpdate::restart() {

@@ -7,16 +7,16 @@
 #include <optional>
 #include <vector>
 
-#include "knothe/assimilation/bias/model_supervision.hpp"
-#include "knothe/assimilation/data/datum.hpp"
-#include "knothe/assimilation/noise/noise_model.hpp"
+#include "knothe/assimilation/monitor/model_supervision.hpp"
 #include "knothe/assimilation/update/posterior_solver.hpp"
-#include "knothe/assimilation/update/prior.hpp"
-#include "knothe/assimilation/update/step_store.hpp"
 #include "knothe/assimilation/update/structure_changes.hpp"
 #include "knothe/assimilation/update/update_options.hpp"
 #include "knothe/assimilation/update/update_result.hpp"
-#include "knothe/reduction/observe/observed_model.hpp"
+#include "knothe/likelihood/data/datum.hpp"
+#include "knothe/likelihood/noise/noise_model.hpp"
+#include "knothe/likelihood/step/step_store.hpp"
+#include "knothe/model/observe/observed_model.hpp"
+#include "knothe/posterior/prior/prior.hpp"
 
 namespace knothe::assimilation {
 
@@ -31,8 +31,8 @@ class SequentialUpdate {
  public:
   /// `priors`: one per parameter, in the order of the model's functions; each is truncated to the model's box
   /// here. Throws ProjectError for a prior with too little mass in the box.
-  SequentialUpdate(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
-                   std::vector<Prior> priors, UpdateOptions options = {});
+  SequentialUpdate(std::shared_ptr<const model::ObservedModel> model, likelihood::NoiseModel noise,
+                   std::vector<posterior::Prior> priors, UpdateOptions options = {});
 
   /// Adds the datum `values` (n_obs; NaN = missing), the only one of step `step`, measured at model time
   /// index `time_index`, and gives the posterior of all data: that of the last step, as if all had come in
@@ -46,9 +46,9 @@ class SequentialUpdate {
   /// The halves of `update`, for batches of data (a journal that is replayed, several data of one
   /// step). `add` makes no posterior; a datum takes the place of one with its key. Errors: DataError for one
   /// that cannot be assimilated, and then nothing has changed. `time_index`: of this update's model.
-  void add(DatumPointer datum, std::size_t time_index);
+  void add(likelihood::DatumPointer datum, std::size_t time_index);
   /// UsageError for a datum that is not there.
-  void withdraw(std::size_t step, const DatumKey& key);
+  void withdraw(std::size_t step, const likelihood::DatumKey& key);
   /// The posterior of all steps up to `step`, as if nothing later had come; result() is then that. UsageError
   /// for a step that is not there.
   const UpdateResult& conclude(std::size_t step);
@@ -67,26 +67,28 @@ class SequentialUpdate {
   const UpdateResult& redo(std::size_t from, std::size_t to);
 
   /// The form of a step's data given those before, as it is assimilated; null for a step that is not there.
-  [[nodiscard]] const StepForm* form_of(std::size_t step) const;
+  [[nodiscard]] const likelihood::StepForm* form_of(std::size_t step) const;
   /// The quadratic form of all data of steps ≤ `step`, of functions centred at the priors'
   /// medians.
-  [[nodiscard]] StepForm form_up_to(std::size_t step);
+  [[nodiscard]] likelihood::StepForm form_up_to(std::size_t step);
 
   [[nodiscard]] const UpdateResult& result() const { return result_; }
-  [[nodiscard]] const PriorTransform& transform() const { return *transform_; }  ///< of the truncated priors
+  [[nodiscard]] const posterior::PriorTransform& transform() const {
+    return *transform_;
+  }  ///< of the truncated priors
   /// The target of the last map, in z; evaluates the whole posterior.
-  [[nodiscard]] CollapsedLogDensity& target() { return solver_.target(); }
+  [[nodiscard]] likelihood::CollapsedLogDensity& target() { return solver_.target(); }
   /// Where the bias is unknown together with the parameters, after the last step: what is to be added to w(p)
   /// there, so that U C_t of it is the bias as a field. Empty where it is not.
   [[nodiscard]] Eigen::VectorXd discrepancy() const;
   /// The residuals learnt so far; null where none are.
-  [[nodiscard]] const ModelBias* bias() const { return supervision_.bias(); }
+  [[nodiscard]] const likelihood::ModelBias* bias() const { return supervision_.bias(); }
   /// Changes of the structure, known or found so far.
   [[nodiscard]] const StructureChanges& changes() const { return changes_; }
   /// After `follow`: w over that posterior, and the forms of all its data (as they were assimilated: with a
   /// correction, or grown old, their sum is another than `form_up_to`).
-  [[nodiscard]] const PosteriorFunctions& functions() const { return supervision_.functions(); }
-  [[nodiscard]] const FormSums& sums() const { return sums_; }
+  [[nodiscard]] const likelihood::PosteriorFunctions& functions() const { return supervision_.functions(); }
+  [[nodiscard]] const likelihood::FormSums& sums() const { return sums_; }
   /// Whether any of the steps up to that of `result` was assimilated with the corrected model.
   [[nodiscard]] bool is_corrected() const;
   /// Which of the assimilated steps were corrected.
@@ -109,14 +111,14 @@ class SequentialUpdate {
   void restart_sums();
   void restart();
 
-  std::shared_ptr<const PriorTransform> transform_;
-  StepStore store_;
+  std::shared_ptr<const posterior::PriorTransform> transform_;
+  likelihood::StepStore store_;
   PosteriorSolver solver_;
   ModelSupervision supervision_;
   StructureChanges changes_;
   bool restart_on_alarm_;
 
-  FormSums sums_;                         ///< of the steps up to `summed_`
+  likelihood::FormSums sums_;             ///< of the steps up to `summed_`
   std::optional<std::size_t> summed_;     ///< the step that result_ is of
   bool followed_ = true;                  ///< the monitor has judged every step up to `summed_`
   bool previewed_ = false;                ///< result_ is of another step than `summed_`

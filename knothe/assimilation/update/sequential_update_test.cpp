@@ -7,20 +7,20 @@
 #include <random>
 
 #include "knothe/assimilation/testing/dense_quadrature.hpp"
-#include "knothe/assimilation/testing/test_models.hpp"
 #include "knothe/assimilation/testing/test_priors.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/likelihood/testing/test_models.hpp"
 
 namespace knothe::assimilation {
 namespace {
 
 using numerics::k_quantile_levels;
 
-using test::CurvedFunctions;
-using test::LinearFunctions;
+using likelihood::test::CurvedFunctions;
+using likelihood::test::LinearFunctions;
+using likelihood::test::random_model;
+using likelihood::test::synthetic_data;
 using test::papers_priors;
-using test::random_model;
-using test::synthetic_data;
 
 /// Mean, covariance and log-evidence of the Kalman filter for y_t = lift_t + (OU) C_t p + e.
 struct Kalman {
@@ -43,15 +43,18 @@ struct Kalman {
 };
 
 /// To `tolerance` in mean and covariance.
-void expect_kalman_filter(Method kind, int map_order, double tolerance) {
+void expect_kalman_filter(posterior::Method kind, int map_order, double tolerance) {
   const Eigen::Index d = 3, n = 7;
-  const auto model = random_model(std::make_shared<LinearFunctions>(d), n, 4, 6, 11);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::LinearFunctions>(d), n, 4, 6, 11);
   const Eigen::VectorXd std = Eigen::VectorXd::LinSpaced(n, 0.2, 0.5);
-  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector3d(0.3, -1.0, 2.0), std, 5);
-  const std::vector<Prior> priors = {Prior::normal(0, 1), Prior::normal(-0.5, 2), Prior::normal(1, 0.7)};
+  const Eigen::MatrixXd data =
+      likelihood::test::synthetic_data(*model, Eigen::Vector3d(0.3, -1.0, 2.0), std, 5);
+  const std::vector<posterior::Prior> priors = {
+      posterior::Prior::normal(0, 1), posterior::Prior::normal(-0.5, 2), posterior::Prior::normal(1, 0.7)};
   UpdateOptions options;
   options.kind = kind;
-  SequentialUpdate update(model, NoiseModel::independent(std), priors, options);
+  SequentialUpdate update(model, likelihood::NoiseModel::independent(std), priors, options);
   Kalman kalman{Eigen::Vector3d(0, -0.5, 1), Eigen::Vector3d(1, 4, 0.49).asDiagonal(), 0};
   for (std::size_t t = 0; t < model->time.size(); ++t) {
     const auto i = static_cast<Eigen::Index>(t);
@@ -59,7 +62,7 @@ void expect_kalman_filter(Method kind, int map_order, double tolerance) {
     kalman.update(model->space * model->core[t], data.col(i) - model->lift.col(i),
                   std.cwiseAbs2().asDiagonal().toDenseMatrix());
     EXPECT_EQ(r.map_order, map_order);
-    EXPECT_EQ(r.method, map_order > 0 ? Method::transport : Method::grid);
+    EXPECT_EQ(r.method, map_order > 0 ? posterior::Method::transport : posterior::Method::grid);
     EXPECT_TRUE(r.trusted) << r.remark;
     EXPECT_LT((r.mean - kalman.mean).cwiseAbs().maxCoeff(), tolerance);
     EXPECT_LT((r.covariance - kalman.covariance).cwiseAbs().maxCoeff(), tolerance);
@@ -74,25 +77,26 @@ void expect_kalman_filter(Method kind, int map_order, double tolerance) {
 }
 
 TEST(SequentialUpdate, LinearGaussianIsTheKalmanFilter) {
-  expect_kalman_filter(Method::transport, 1, 1e-10);
+  expect_kalman_filter(posterior::Method::transport, 1, 1e-10);
 }
 
 TEST(SequentialUpdate, LinearGaussianByQuadratureIsTheKalmanFilter) {
-  expect_kalman_filter(Method::automatic, 0, 1e-7);
+  expect_kalman_filter(posterior::Method::automatic, 0, 1e-7);
 }
 
 TEST(SequentialUpdate, MissingValuesAreAsIfNeverMeasured) {
   const Eigen::Index n = 9;
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 3, 3);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), n, 4, 3, 3);
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.05);
-  Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1.1, 0.8), std, 8);
+  Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector2d(1.1, 0.8), std, 8);
   const std::vector<Eigen::Index> kept = {0, 2, 3, 7, 8};
-  auto reduced = std::make_shared<reduction::ObservedModel>(*model);
+  auto reduced = std::make_shared<model::ObservedModel>(*model);
   reduced->space = model->space(kept, Eigen::all);
   reduced->lift = model->lift(kept, Eigen::all);
   for (Eigen::Index j : {1, 4, 5, 6}) data.row(j).setConstant(std::nan(""));
-  SequentialUpdate with_gaps(model, NoiseModel::independent(std), papers_priors());
-  SequentialUpdate small(reduced, NoiseModel::independent(std(kept)), papers_priors());
+  SequentialUpdate with_gaps(model, likelihood::NoiseModel::independent(std), papers_priors());
+  SequentialUpdate small(reduced, likelihood::NoiseModel::independent(std(kept)), papers_priors());
   for (std::size_t t = 0; t < 3; ++t) {
     const auto i = static_cast<Eigen::Index>(t);
     const UpdateResult& a = with_gaps.update(t, t, data.col(i));
@@ -105,12 +109,13 @@ TEST(SequentialUpdate, MissingValuesAreAsIfNeverMeasured) {
 }
 
 /// With the evidence to `tolerance`.
-void expect_the_prior_of_nothing(Method kind, double tolerance) {
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), 4, 3, 2, 3);
+void expect_the_prior_of_nothing(posterior::Method kind, double tolerance) {
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), 4, 3, 2, 3);
   UpdateOptions options;
   options.kind = kind;
-  SequentialUpdate update(model, NoiseModel::independent(Eigen::Vector4d::Constant(0.1)), papers_priors(),
-                          options);
+  SequentialUpdate update(model, likelihood::NoiseModel::independent(Eigen::Vector4d::Constant(0.1)),
+                          papers_priors(), options);
   const UpdateResult r = update.update(0, 0, Eigen::Vector4d::Constant(std::nan("")));
   EXPECT_EQ(r.used, 0);
   EXPECT_NEAR(r.log_evidence, 0, tolerance);
@@ -124,20 +129,20 @@ void expect_the_prior_of_nothing(Method kind, double tolerance) {
 }
 
 TEST(SequentialUpdate, ADatumWithNothingInItChangesNothing) {
-  expect_the_prior_of_nothing(Method::transport, 1e-12);
-  expect_the_prior_of_nothing(Method::automatic, 1e-10);
+  expect_the_prior_of_nothing(posterior::Method::transport, 1e-12);
+  expect_the_prior_of_nothing(posterior::Method::automatic, 1e-10);
 }
 
 /// The posterior of a curved two-parameter model, hard against the box, compared with dense quadrature of the
 /// likelihood written out term by term (no collapsed form).
-class DirectLogDensity final : public sampling::LogDensity {
+class DirectLogDensity final : public posterior::LogDensity {
  public:
-  DirectLogDensity(const reduction::ObservedModel& model, const Eigen::MatrixXd& data,
-                   const Eigen::VectorXd& std, const std::vector<Prior>& priors, Eigen::Index steps)
+  DirectLogDensity(const model::ObservedModel& model, const Eigen::MatrixXd& data, const Eigen::VectorXd& std,
+                   const std::vector<posterior::Prior>& priors, Eigen::Index steps)
       : model_(model), data_(data), std_(std), priors_(priors), steps_(steps) {}
   [[nodiscard]] Eigen::Index dimension() const override { return 2; }
   [[nodiscard]] int available_derivatives() const override { return 0; }
-  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int, sampling::LogDensityBatch& out) override {
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int, posterior::LogDensityBatch& out) override {
     for (Eigen::Index i = 0; i < z.rows(); ++i) {
       Eigen::Vector2d p;
       double value = -std::log(2 * M_PI) - 0.5 * z.row(i).squaredNorm();
@@ -153,15 +158,15 @@ class DirectLogDensity final : public sampling::LogDensity {
   }
 
  private:
-  const reduction::ObservedModel& model_;
+  const model::ObservedModel& model_;
   const Eigen::MatrixXd& data_;
   const Eigen::VectorXd& std_;
-  std::vector<Prior> priors_;
+  std::vector<posterior::Prior> priors_;
   Eigen::Index steps_;
 };
 
 void expect_agrees(const UpdateResult& r, const test::DenseQuadrature& exact,
-                   const std::vector<Prior>& priors) {
+                   const std::vector<posterior::Prior>& priors) {
   EXPECT_TRUE(exact.resolved);
   for (Eigen::Index k = 0; k < 2; ++k) {
     const double std = std::sqrt(exact.covariance(k, k));
@@ -179,10 +184,11 @@ void expect_agrees(const UpdateResult& r, const test::DenseQuadrature& exact,
 
 TEST(SequentialUpdate, CurvedPosteriorAgreesWithDenseQuadratureAtEveryStep) {
   const Eigen::Index n = 8;
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 6, 21);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), n, 4, 6, 21);
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.4);
-  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1.45, 0.7), std, 17);
-  SequentialUpdate update(model, NoiseModel::independent(std), papers_priors());
+  const Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector2d(1.45, 0.7), std, 17);
+  SequentialUpdate update(model, likelihood::NoiseModel::independent(std), papers_priors());
   for (std::size_t t = 0; t < model->time.size(); ++t) {
     const UpdateResult& r = update.update(t, t, data.col(static_cast<Eigen::Index>(t)));
     DirectLogDensity direct(*model, data, std, update.transform().priors(), static_cast<Eigen::Index>(t) + 1);
@@ -195,13 +201,14 @@ TEST(SequentialUpdate, CurvedPosteriorAgreesWithDenseQuadratureAtEveryStep) {
 
 TEST(SequentialUpdate, ComposedMapsAgreeWithTheCollapsedPosterior) {
   const Eigen::Index n = 8;
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 12, 33);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), n, 4, 12, 33);
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.6);
-  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
+  const Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
   UpdateOptions options;
-  SequentialUpdate collapsed(model, NoiseModel::independent(std), papers_priors(), options);
+  SequentialUpdate collapsed(model, likelihood::NoiseModel::independent(std), papers_priors(), options);
   options.form = UpdateOptions::Form::composed;
-  SequentialUpdate composed(model, NoiseModel::independent(std), papers_priors(), options);
+  SequentialUpdate composed(model, likelihood::NoiseModel::independent(std), papers_priors(), options);
   for (std::size_t t = 0; t < model->time.size(); ++t) {
     const auto column = data.col(static_cast<Eigen::Index>(t));
     const UpdateResult& a = collapsed.update(t, t, column);
@@ -222,15 +229,16 @@ bool identical(const UpdateResult& a, const UpdateResult& b) {
 
 TEST(SequentialUpdate, AStepTakenOutLeavesNoTrace) {
   const Eigen::Index n = 8;
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 6, 33);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), n, 4, 6, 33);
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.6);
-  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
+  const Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
   for (auto form : {UpdateOptions::Form::collapsed, UpdateOptions::Form::composed}) {
     UpdateOptions options;
     options.form = form;
-    SequentialUpdate all(model, NoiseModel::independent(std), papers_priors(), options);
-    SequentialUpdate without(model, NoiseModel::independent(std), papers_priors(), options);
-    SequentialUpdate late(model, NoiseModel::independent(std), papers_priors(), options);
+    SequentialUpdate all(model, likelihood::NoiseModel::independent(std), papers_priors(), options);
+    SequentialUpdate without(model, likelihood::NoiseModel::independent(std), papers_priors(), options);
+    SequentialUpdate late(model, likelihood::NoiseModel::independent(std), papers_priors(), options);
     for (std::size_t t : {0u, 1u, 2u, 3u, 4u, 5u}) {
       all.update(t, t, data.col(static_cast<Eigen::Index>(t)));
       if (t != 2 && t != 4) without.update(t, t, data.col(static_cast<Eigen::Index>(t)));
@@ -250,14 +258,15 @@ TEST(SequentialUpdate, AStepTakenOutLeavesNoTrace) {
 
 TEST(SequentialUpdate, DataAddedInAnyOrderGiveThePosteriorOfEveryStep) {
   const Eigen::Index n = 8;
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 5, 33);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), n, 4, 5, 33);
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.6);
-  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
+  const Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
   for (auto form : {UpdateOptions::Form::collapsed, UpdateOptions::Form::composed}) {
     UpdateOptions options;
     options.form = form;
-    SequentialUpdate in_order(model, NoiseModel::independent(std), papers_priors(), options);
-    SequentialUpdate late(model, NoiseModel::independent(std), papers_priors(), options);
+    SequentialUpdate in_order(model, likelihood::NoiseModel::independent(std), papers_priors(), options);
+    SequentialUpdate late(model, likelihood::NoiseModel::independent(std), papers_priors(), options);
     std::vector<UpdateResult> lines;
     std::vector<Eigen::MatrixXd> points;
     for (std::size_t t = 0; t < 5; ++t) {
@@ -265,7 +274,7 @@ TEST(SequentialUpdate, DataAddedInAnyOrderGiveThePosteriorOfEveryStep) {
       points.push_back(in_order.result().points);
     }
     const auto add = [&](std::size_t t) {
-      late.add(test::datum(t, data.col(static_cast<Eigen::Index>(t))), t);
+      late.add(likelihood::test::datum(t, data.col(static_cast<Eigen::Index>(t))), t);
     };
     for (std::size_t t : {3u, 0u, 4u, 2u}) add(t);
     late.conclude(4);
@@ -280,8 +289,10 @@ TEST(SequentialUpdate, DataAddedInAnyOrderGiveThePosteriorOfEveryStep) {
 }
 
 TEST(SequentialUpdate, AValueInTheWrongUnitIsRefusedByName) {
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), 4, 3, 2, 3);
-  SequentialUpdate update(model, NoiseModel::independent(Eigen::Vector4d::Constant(0.1)), papers_priors());
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), 4, 3, 2, 3);
+  SequentialUpdate update(model, likelihood::NoiseModel::independent(Eigen::Vector4d::Constant(0.1)),
+                          papers_priors());
   try {
     update.update(0, 0, Eigen::Vector4d(0.1, 0.2, -1e200, 0.3));
     FAIL();
@@ -295,34 +306,36 @@ TEST(SequentialUpdate, AValueInTheWrongUnitIsRefusedByName) {
 
 TEST(SequentialUpdate, DerivativesOfTheTargetAgreeWithFiniteDifferences) {
   const Eigen::Index n = 8;
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 2, 33);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), n, 4, 2, 33);
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.6);
-  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
+  const Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
   UpdateOptions options;
-  SequentialUpdate update(model, NoiseModel::independent(std), papers_priors(), options);
+  SequentialUpdate update(model, likelihood::NoiseModel::independent(std), papers_priors(), options);
   update.update(0, 0, data.col(0));
   update.update(1, 1, data.col(1));
-  test::expect_exact_derivatives(update.target(), {{0.1, -0.4}, {-1.3, 0.9}, {2.0, 2.0}});
+  likelihood::test::expect_exact_derivatives(update.target(), {{0.1, -0.4}, {-1.3, 0.9}, {2.0, 2.0}});
 }
 
 TEST(SequentialUpdate, TheComposedTargetHasExactDerivatives) {
   const Eigen::Index n = 8;
-  const auto model = random_model(std::make_shared<CurvedFunctions>(), n, 4, 2, 33);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), n, 4, 2, 33);
   const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.6);
-  const Eigen::MatrixXd data = synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
-  SequentialUpdate update(model, NoiseModel::independent(std), papers_priors());
+  const Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
+  SequentialUpdate update(model, likelihood::NoiseModel::independent(std), papers_priors());
   update.update(0, 0, data.col(0));
-  transport::MapSolver solver;
-  const transport::MapResult first = solver.solve(update.target());
-  const transport::ComposedMap map = first.composed();
-  ComposedStepDensity density(
-      CollapsedLogDensity(model->functions, std::make_shared<PriorTransform>(update.transform().priors()),
-                          Eigen::VectorXd::Zero(model->functions->count())));
-  StepForm form = StepForm::zero(model->functions->count());
+  posterior::MapSolver solver;
+  const posterior::MapResult first = solver.solve(update.target());
+  const posterior::ComposedMap map = first.composed();
+  likelihood::ComposedStepDensity density(likelihood::CollapsedLogDensity(
+      model->functions, std::make_shared<posterior::PriorTransform>(update.transform().priors()),
+      Eigen::VectorXd::Zero(model->functions->count())));
+  likelihood::StepForm form = likelihood::StepForm::zero(model->functions->count());
   form.quadratic.setIdentity();
   form.linear.setLinSpaced(-1, 1);
   density.set(map, form);
-  test::expect_exact_derivatives(density, {{0.1, -0.4}, {-1.3, 0.9}, {1.5, 1.0}});
+  likelihood::test::expect_exact_derivatives(density, {{0.1, -0.4}, {-1.3, 0.9}, {1.5, 1.0}});
 }
 
 }  // namespace

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cassert>
 
-#include "knothe/assimilation/bias/model_supervision.hpp"
+#include "knothe/assimilation/monitor/model_supervision.hpp"
 
 namespace knothe::assimilation {
 
@@ -50,15 +50,15 @@ void StructureChanges::restart() {
   saved_.clear();
 }
 
-void StructureChanges::save(std::size_t step, const FormSums& sums) {
+void StructureChanges::save(std::size_t step, const likelihood::FormSums& sums) {
   saved_.insert_or_assign(step, Saved{sums, found_});
   if (saved_.size() > ModelSupervision::k_remembered) saved_.erase(saved_.begin());
 }
 
-FormSums StructureChanges::restore(std::size_t step) {
+likelihood::FormSums StructureChanges::restore(std::size_t step) {
   const auto it = saved_.find(step);
   assert(it != saved_.end());
-  FormSums sums = std::move(it->second.sums);
+  likelihood::FormSums sums = std::move(it->second.sums);
   found_ = std::move(it->second.found);
   saved_.erase(it, saved_.end());
   return sums;

@@ -11,9 +11,9 @@
 #include <string>
 #include <vector>
 
-#include "knothe/assimilation/update/step_store.hpp"
 #include "knothe/assimilation/update/update_options.hpp"
 #include "knothe/assimilation/update/update_result.hpp"
+#include "knothe/likelihood/step/step_store.hpp"
 
 namespace knothe::assimilation {
 
@@ -40,13 +40,13 @@ class StructureChanges {
   /// No data.
   void restart();
   /// Remembers the sums before `step`, and those before as many earlier ones as `ModelSupervision` does.
-  void save(std::size_t step, const FormSums& sums);
+  void save(std::size_t step, const likelihood::FormSums& sums);
   /// The sums before `step`, which are remembered; what was found later is so no longer.
-  [[nodiscard]] FormSums restore(std::size_t step);
+  [[nodiscard]] likelihood::FormSums restore(std::size_t step);
 
  private:
   struct Saved {
-    FormSums sums;
+    likelihood::FormSums sums;
     std::vector<std::size_t> found;
   };
   double forgetting_, retention_;

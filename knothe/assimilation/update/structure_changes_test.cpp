@@ -5,18 +5,18 @@
 #include <cmath>
 #include <numbers>
 
-#include "knothe/assimilation/testing/test_models.hpp"
 #include "knothe/assimilation/testing/test_priors.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/likelihood/testing/test_models.hpp"
 
 namespace knothe::assimilation {
 namespace {
 
-using test::LinearFunctions;
+using likelihood::test::LinearFunctions;
 
-std::vector<Prior> priors() {
-  return {Prior::normal(0, 1), Prior::normal(0.5, 1)};
+std::vector<posterior::Prior> priors() {
+  return {posterior::Prior::normal(0, 1), posterior::Prior::normal(0.5, 1)};
 }
 
 const Eigen::VectorXd k_std = Eigen::VectorXd::Constant(5, 0.4);
@@ -48,12 +48,13 @@ struct Discounted {
 };
 
 TEST(ChangingStructure, ForgettingIsTheDiscountedGaussianInClosedForm) {
-  const auto model = test::random_model(std::make_shared<LinearFunctions>(2), 5, 3, 12, 4);
-  const Eigen::MatrixXd data = test::synthetic_data(*model, Eigen::Vector2d(0.7, -0.3), k_std, 6);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::LinearFunctions>(2), 5, 3, 12, 4);
+  const Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector2d(0.7, -0.3), k_std, 6);
   for (const double power : {0.95, 0.6}) {
     UpdateOptions options;
     options.forgetting = power;
-    SequentialUpdate update(model, NoiseModel::independent(k_std), priors(), options);
+    SequentialUpdate update(model, likelihood::NoiseModel::independent(k_std), priors(), options);
     Discounted exact;
     double log_evidence = 0;
     for (std::size_t t = 0; t < 12; ++t) {
@@ -71,13 +72,14 @@ TEST(ChangingStructure, ForgettingIsTheDiscountedGaussianInClosedForm) {
 }
 
 TEST(ChangingStructure, AfterAKnownChangeThePosteriorIsThatOfTheLaterDataAlone) {
-  const auto model = test::random_model(std::make_shared<test::CurvedFunctions>(), 5, 3, 10, 4);
-  const Eigen::MatrixXd data = test::synthetic_data(*model, Eigen::Vector2d(0.7, 1.3), k_std, 6);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), 5, 3, 10, 4);
+  const Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector2d(0.7, 1.3), k_std, 6);
   UpdateOptions options;
   options.change_points = {6};
-  SequentialUpdate both(model, NoiseModel::independent(k_std), test::papers_priors(), options);
-  SequentialUpdate early(model, NoiseModel::independent(k_std), test::papers_priors());
-  SequentialUpdate late(model, NoiseModel::independent(k_std), test::papers_priors());
+  SequentialUpdate both(model, likelihood::NoiseModel::independent(k_std), test::papers_priors(), options);
+  SequentialUpdate early(model, likelihood::NoiseModel::independent(k_std), test::papers_priors());
+  SequentialUpdate late(model, likelihood::NoiseModel::independent(k_std), test::papers_priors());
   for (std::size_t t = 0; t < 10; ++t) {
     const auto values = data.col(static_cast<Eigen::Index>(t));
     both.update(t, t, values);
@@ -99,14 +101,15 @@ TEST(ChangingStructure, AfterAKnownChangeThePosteriorIsThatOfTheLaterDataAlone) 
 }
 
 TEST(ChangingStructure, AnAlarmIsTakenForAChangeWhereTheDriftBegan) {
-  const auto model = test::random_model(std::make_shared<LinearFunctions>(2), 5, 3, 30, 4);
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::LinearFunctions>(2), 5, 3, 30, 4);
   const Eigen::Vector2d before(0.7, -0.3), after(-0.2, 0.6);
-  Eigen::MatrixXd data = test::synthetic_data(*model, before, k_std, 6);
-  data.rightCols(15) = test::synthetic_data(*model, after, k_std, 7).rightCols(15);
+  Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, before, k_std, 6);
+  data.rightCols(15) = likelihood::test::synthetic_data(*model, after, k_std, 7).rightCols(15);
   UpdateOptions options;
   options.restart_on_alarm = true;
-  SequentialUpdate update(model, NoiseModel::independent(k_std), priors(), options);
-  SequentialUpdate stubborn(model, NoiseModel::independent(k_std), priors());
+  SequentialUpdate update(model, likelihood::NoiseModel::independent(k_std), priors(), options);
+  SequentialUpdate stubborn(model, likelihood::NoiseModel::independent(k_std), priors());
   std::string words;
   for (std::size_t t = 0; t < 30; ++t) {
     const auto values = data.col(static_cast<Eigen::Index>(t));
@@ -126,7 +129,7 @@ TEST(ChangingStructure, AnAlarmIsTakenForAChangeWhereTheDriftBegan) {
   EXPECT_GT(distance(stubborn.result()), 10);
   // A step that comes late: as if all had come in order.
   update.update(10, 10, data.col(10));
-  SequentialUpdate in_order(model, NoiseModel::independent(k_std), priors(), options);
+  SequentialUpdate in_order(model, likelihood::NoiseModel::independent(k_std), priors(), options);
   for (std::size_t t = 0; t < 30; ++t) in_order.update(t, t, data.col(static_cast<Eigen::Index>(t)));
   EXPECT_EQ(update.result().mean, in_order.result().mean);
   EXPECT_EQ(update.result().log_evidence, in_order.result().log_evidence);
@@ -134,8 +137,9 @@ TEST(ChangingStructure, AnAlarmIsTakenForAChangeWhereTheDriftBegan) {
 }
 
 TEST(ChangingStructure, WhatDoesNotGoTogetherIsNamed) {
-  const auto model = test::random_model(std::make_shared<LinearFunctions>(2), 5, 3, 2, 4);
-  const auto refused = [&](UpdateOptions options, const NoiseModel& noise) -> std::string {
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::LinearFunctions>(2), 5, 3, 2, 4);
+  const auto refused = [&](UpdateOptions options, const likelihood::NoiseModel& noise) -> std::string {
     options.forgetting = 0.95;
     try {
       SequentialUpdate(model, noise, priors(), options);
@@ -144,11 +148,11 @@ TEST(ChangingStructure, WhatDoesNotGoTogetherIsNamed) {
     }
     return "";
   };
-  const NoiseModel noise = NoiseModel::independent(k_std);
+  const likelihood::NoiseModel noise = likelihood::NoiseModel::independent(k_std);
   EXPECT_EQ(refused({}, noise), "");
   UpdateOptions biased, level, composed;
-  biased.bias_correction = BiasCorrectionMode::on;
-  level.noise_level = NoiseLevel(2, 1);
+  biased.bias_correction = likelihood::BiasCorrectionMode::on;
+  level.noise_level = likelihood::NoiseLevel(2, 1);
   composed.form = UpdateOptions::Form::composed;
   EXPECT_NE(refused(biased, noise).find("cannot be combined with bias_correction"), std::string::npos);
   EXPECT_NE(refused(level, noise).find("noise_level"), std::string::npos);

@@ -9,11 +9,11 @@
 
 #include "knothe/assimilation/update/compatibility.hpp"
 #include "knothe/assimilation/update/maximum_a_posteriori.hpp"
-#include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/base/monotonic_time.hpp"
+#include "knothe/likelihood/step/prior_of_model.hpp"
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
-#include "knothe/sampling/trust.hpp"
+#include "knothe/posterior/trust.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -29,16 +29,17 @@ constexpr double k_negligible = 0.01;
 /// has tails that the points do not reach, which a weight of theirs does not show.
 constexpr double k_quadrature_below = 0.99;
 
-Eigen::VectorXd functions_at_medians(const reduction::ObservedModel& model, const PriorTransform& transform) {
-  reduction::FunctionBatch batch;
+Eigen::VectorXd functions_at_medians(const model::ObservedModel& model,
+                                     const posterior::PriorTransform& transform) {
+  model::FunctionBatch batch;
   batch.resize(1, transform.dimension(), model.functions->count(), 0);
-  model.functions->evaluate(medians(transform).transpose(), 0, batch);
+  model.functions->evaluate(likelihood::medians(transform).transpose(), 0, batch);
   return batch.value.row(0);
 }
 
 UpdateOptions of_all_data(UpdateOptions options) {
   options.form = UpdateOptions::Form::collapsed;
-  if (options.kind != Method::grid) options.kind = Method::transport;
+  if (options.kind != posterior::Method::grid) options.kind = posterior::Method::transport;
   return options;
 }
 
@@ -52,7 +53,7 @@ Eigen::MatrixXd basis_of(const Eigen::MatrixXd& factor) {
 }
 
 /// −½ (vᵀGv − 2 gᵀv + c + log normaliser) of each column.
-Eigen::ArrayXd log_likelihood(const StepForm& form, const Eigen::MatrixXd& v) {
+Eigen::ArrayXd log_likelihood(const likelihood::StepForm& form, const Eigen::MatrixXd& v) {
   const Eigen::ArrayXd quadratic = v.cwiseProduct(form.quadratic * v).colwise().sum().transpose();
   const Eigen::ArrayXd linear = v.transpose() * form.linear;
   return -0.5 * (quadratic - 2 * linear + form.constant + form.log_normaliser);
@@ -91,38 +92,39 @@ void carry_quantiles(const Eigen::Ref<const Eigen::VectorXd>& x, const Eigen::Ve
 }
 
 /// The exact posterior, in z.
-class ExactDensity final : public sampling::LogDensity {
+class ExactDensity final : public posterior::LogDensity {
  public:
-  ExactDensity(const StudentLikelihood& likelihood, const reduction::ParameterFunctions& functions,
-               const PriorTransform& transform, const Eigen::VectorXd& central)
+  ExactDensity(const likelihood::StudentLikelihood& likelihood, const model::ParameterFunctions& functions,
+               const posterior::PriorTransform& transform, const Eigen::VectorXd& central)
       : likelihood_(likelihood), functions_(functions), transform_(transform), central_(central) {}
   [[nodiscard]] Eigen::Index dimension() const override { return transform_.dimension(); }
   [[nodiscard]] int available_derivatives() const override { return 0; }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
-                sampling::LogDensityBatch& out) override {
+                posterior::LogDensityBatch& out) override {
     Eigen::MatrixXd p(z.rows(), z.cols()), none;
     transform_.evaluate(z, 0, p, none, none);
     batch_.resize(z.rows(), z.cols(), central_.size(), 0);
     functions_.evaluate(p, 0, batch_);
     out.value = likelihood_.evaluate(-central_, Eigen::MatrixXd::Identity(central_.size(), central_.size()),
                                      batch_.value.transpose());
-    add_standard_normal(z, derivatives, out);
+    likelihood::add_standard_normal(z, derivatives, out);
   }
 
  private:
-  const StudentLikelihood& likelihood_;
-  const reduction::ParameterFunctions& functions_;
-  const PriorTransform& transform_;
+  const likelihood::StudentLikelihood& likelihood_;
+  const model::ParameterFunctions& functions_;
+  const posterior::PriorTransform& transform_;
   const Eigen::VectorXd& central_;
-  reduction::FunctionBatch batch_;
+  model::FunctionBatch batch_;
 };
 
 }  // namespace
 
-StudentUpdate::StudentUpdate(std::shared_ptr<const reduction::ObservedModel> model, const NoiseModel& noise,
-                             std::vector<Prior> priors, UpdateOptions options, double degrees)
+StudentUpdate::StudentUpdate(std::shared_ptr<const model::ObservedModel> model,
+                             const likelihood::NoiseModel& noise, std::vector<posterior::Prior> priors,
+                             UpdateOptions options, double degrees)
     : model_(std::move(model)),
-      transform_(truncated_to_box(*model_, std::move(priors))),
+      transform_(likelihood::truncated_to_box(*model_, std::move(priors))),
       central_(functions_at_medians(*model_, *transform_)),
       likelihood_(model_, central_, degrees),
       kind_(options.kind),
@@ -132,7 +134,7 @@ StudentUpdate::StudentUpdate(std::shared_ptr<const reduction::ObservedModel> mod
   require_compatible(features_of(options) | features_of(noise) | features_of(0, degrees));
 }
 
-const std::vector<Prior>& StudentUpdate::priors() const {
+const std::vector<posterior::Prior>& StudentUpdate::priors() const {
   return transform_->priors();
 }
 
@@ -160,10 +162,10 @@ const UpdateResult& StudentUpdate::update(std::size_t step, std::size_t time_ind
 }
 
 /// The form of all values about that posterior, in v.
-StepForm StudentUpdate::linearised(const PosteriorFunctions& about) const {
+likelihood::StepForm StudentUpdate::linearised(const likelihood::PosteriorFunctions& about) const {
   const Eigen::VectorXd mean = about.mean - central_;
   const Eigen::Index r = mean.size();
-  StepForm form = likelihood_.linearise(mean, about.factor, Eigen::MatrixXd::Identity(r, r));
+  likelihood::StepForm form = likelihood_.linearise(mean, about.factor, Eigen::MatrixXd::Identity(r, r));
   const Eigen::VectorXd moved = form.quadratic * mean;
   form.constant += mean.dot(moved + 2 * form.linear);
   form.linear += moved;
@@ -171,7 +173,7 @@ StepForm StudentUpdate::linearised(const PosteriorFunctions& about) const {
 }
 
 /// The posterior of that form, and what the form leaves out there.
-void StudentUpdate::solve(StepForm form) {
+void StudentUpdate::solve(likelihood::StepForm form) {
   form_ = std::move(form);
   UpdateTimes times;
   solver_.set({form_, {}, {}, 0}, {});
@@ -179,7 +181,7 @@ void StudentUpdate::solve(StepForm form) {
   result_.elapsed_us.map += times.map;
   result_.elapsed_us.correction += times.correction;
   const auto start = monotonic_now();
-  functions_ = posterior_functions(*model_->functions, result_.points, result_.weights);
+  functions_ = likelihood::posterior_functions(*model_->functions, result_.points, result_.weights);
   left_out_ = left_out(functions_.deviation);
   result_.elapsed_us.projection += microseconds_since(start);
 }
@@ -202,7 +204,7 @@ void StudentUpdate::approach() {
   for (int round = 0; round < k_max_rounds; ++round) {
     const auto start = monotonic_now();
     const Eigen::VectorXd mean = result_.mean, std = result_.standard_deviations();
-    StepForm form = linearised(functions_);
+    likelihood::StepForm form = linearised(functions_);
     result_.elapsed_us.projection += microseconds_since(start);
     solve(std::move(form));
     const Eigen::ArrayXd now = result_.standard_deviations();
@@ -214,10 +216,10 @@ void StudentUpdate::approach() {
 
 /// From the posterior of the form to that of the values.
 void StudentUpdate::correct() {
-  if (kind_ == Method::sequential_monte_carlo || kind_ == Method::markov_chain) {
+  if (kind_ == posterior::Method::sequential_monte_carlo || kind_ == posterior::Method::markov_chain) {
     ExactDensity exact(likelihood_, *model_->functions, *transform_, central_);
     solver_.draw(exact, kind_, result_);
-    functions_ = posterior_functions(*model_->functions, result_.points, result_.weights);
+    functions_ = likelihood::posterior_functions(*model_->functions, result_.points, result_.weights);
     return;
   }
   if (standard_deviation(left_out_) <= k_negligible) {
@@ -225,13 +227,13 @@ void StudentUpdate::correct() {
     result_.log_evidence_lower_bound += left_out_.mean();
     return;
   }
-  reduction::FunctionBatch batch;
+  model::FunctionBatch batch;
   batch.resize(result_.points.rows(), result_.points.cols(), central_.size(), 0);
   model_->functions->evaluate(result_.points, 0, batch);
   const double share = weigh(left_out(batch.value.transpose().colwise() - functions_.mean));
-  const bool few = result_.points.cols() <= k_max_quadrature_parameters;
-  if (share < (few ? k_quadrature_below : sampling::k_trusted_effective_sample_size)) replace(few, share);
-  functions_ = posterior_functions(*model_->functions, result_.points, result_.weights);
+  const bool few = result_.points.cols() <= posterior::k_max_quadrature_parameters;
+  if (share < (few ? k_quadrature_below : posterior::k_trusted_effective_sample_size)) replace(few, share);
+  functions_ = likelihood::posterior_functions(*model_->functions, result_.points, result_.weights);
 }
 
 /// By importance weights exp(left out). The effective sample size of these alone.
@@ -258,7 +260,7 @@ void StudentUpdate::replace(bool by_quadrature, double share) {
   if (by_quadrature) {
     solver_.integrate(exact, result_);
   } else {
-    solver_.draw(exact, Method::sequential_monte_carlo, result_);
+    solver_.draw(exact, posterior::Method::sequential_monte_carlo, result_);
   }
   result_.log_evidence_lower_bound = std::min(result_.log_evidence_lower_bound, result_.log_evidence);
   result_.remark = fmt::format(
@@ -271,8 +273,8 @@ void StudentUpdate::replace(bool by_quadrature, double share) {
 void StudentUpdate::set_most_probable() {
   const Eigen::Index d = transform_->dimension(), r = central_.size();
   const Eigen::MatrixXd none = Eigen::MatrixXd::Zero(r, 1);
-  const LogLikelihood log_likelihood = [&](const auto& p, int derivatives, sampling::LogDensityBatch& out) {
-    reduction::FunctionBatch w;
+  const LogLikelihood log_likelihood = [&](const auto& p, int derivatives, posterior::LogDensityBatch& out) {
+    model::FunctionBatch w;
     w.resize(1, d, r, derivatives);
     model_->functions->evaluate(p, derivatives, w);
     const Eigen::VectorXd v = w.value.row(0).transpose() - central_;
@@ -282,11 +284,11 @@ void StudentUpdate::set_most_probable() {
     Eigen::MatrixXd along(r, d + d * (d + 1) / 2);
     for (Eigen::Index a = 0; a < d; ++a) along.col(a) = w.first[a].row(0);
     for (Eigen::Index ab = 0; ab < d * (d + 1) / 2; ++ab) along.col(d + ab) = w.second[ab].row(0);
-    const StepForm form = likelihood_.linearise(v, none, along);
+    const likelihood::StepForm form = likelihood_.linearise(v, none, along);
     out.gradient = form.linear.head(d).transpose();
     for (Eigen::Index a = 0; a < d; ++a) {
       for (Eigen::Index b = 0; b <= a; ++b) {
-        const Eigen::Index ab = sampling::packed_index(a, b);
+        const Eigen::Index ab = posterior::packed_index(a, b);
         out.hessian(0, ab) = form.linear[d + ab] - form.quadratic(a, b);
       }
     }

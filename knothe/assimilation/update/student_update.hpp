@@ -4,9 +4,9 @@
 #include <Eigen/Core>
 #include <memory>
 
-#include "knothe/assimilation/bias/model_supervision.hpp"
+#include "knothe/assimilation/monitor/model_supervision.hpp"
 #include "knothe/assimilation/update/posterior_solver.hpp"
-#include "knothe/assimilation/update/student_likelihood.hpp"
+#include "knothe/likelihood/step/student_likelihood.hpp"
 
 namespace knothe::assimilation {
 
@@ -23,24 +23,24 @@ class StudentUpdate {
  public:
   /// `degrees`: ν. Errors: UsageError for options or noise that do not go with it. One map of all data is
   /// made, also where the options ask for composed ones.
-  StudentUpdate(std::shared_ptr<const reduction::ObservedModel> model, const NoiseModel& noise,
-                std::vector<Prior> priors, UpdateOptions options, double degrees);
+  StudentUpdate(std::shared_ptr<const model::ObservedModel> model, const likelihood::NoiseModel& noise,
+                std::vector<posterior::Prior> priors, UpdateOptions options, double degrees);
 
   /// Assimilates a datum, later than those before; `scale`: σ of its values, n, > 0.
   const UpdateResult& update(std::size_t step, std::size_t time_index,
                              const Eigen::Ref<const Eigen::VectorXd>& values,
                              const Eigen::Ref<const Eigen::VectorXd>& scale);
   [[nodiscard]] const UpdateResult& result() const { return result_; }
-  [[nodiscard]] const std::vector<Prior>& priors() const;  ///< truncated
+  [[nodiscard]] const std::vector<posterior::Prior>& priors() const;  ///< truncated
   /// The last datum as one of Gaussian noise of the precisions found.
-  [[nodiscard]] const StepForm& latest_form() const { return latest_.form; }
+  [[nodiscard]] const likelihood::StepForm& latest_form() const { return latest_.form; }
   /// Expected precision factors of the last datum's values, n; NaN where missing.
   [[nodiscard]] const Eigen::VectorXd& precision_factors() const { return precision_factors_; }
 
  private:
-  [[nodiscard]] StepForm linearised(const PosteriorFunctions& about) const;
+  [[nodiscard]] likelihood::StepForm linearised(const likelihood::PosteriorFunctions& about) const;
   [[nodiscard]] Eigen::VectorXd left_out(const Eigen::MatrixXd& deviation) const;
-  void solve(StepForm form);
+  void solve(likelihood::StepForm form);
   void approach();
   void correct();
   double weigh(const Eigen::VectorXd& left_out);
@@ -48,18 +48,18 @@ class StudentUpdate {
   void set_most_probable();
   void watch(std::size_t step);
 
-  std::shared_ptr<const reduction::ObservedModel> model_;
-  std::shared_ptr<const PriorTransform> transform_;
+  std::shared_ptr<const model::ObservedModel> model_;
+  std::shared_ptr<const posterior::PriorTransform> transform_;
   Eigen::VectorXd central_;  ///< w₀
-  StudentLikelihood likelihood_;
-  Method kind_;
+  likelihood::StudentLikelihood likelihood_;
+  posterior::Method kind_;
   PosteriorSolver solver_;
   ModelSupervision supervision_;
-  PosteriorFunctions functions_;  ///< of the posterior before the datum, or of the last solve
-  StepForm form_;                 ///< of the last solve, in v
-  Eigen::VectorXd left_out_;      ///< ℓ − form at the points of `functions_`
+  likelihood::PosteriorFunctions functions_;  ///< of the posterior before the datum, or of the last solve
+  likelihood::StepForm form_;                 ///< of the last solve, in v
+  Eigen::VectorXd left_out_;                  ///< ℓ − form at the points of `functions_`
   bool first_ = true;
-  StoredStep latest_;
+  likelihood::StoredStep latest_;
   UpdateResult result_;
   Eigen::VectorXd precision_factors_;
 };

@@ -4,16 +4,16 @@
 #include <optional>
 #include <vector>
 
-#include "knothe/assimilation/bias/evidence_monitor.hpp"
-#include "knothe/assimilation/bias/model_bias.hpp"
-#include "knothe/assimilation/noise/noise_level.hpp"
-#include "knothe/assimilation/update/method.hpp"
-#include "knothe/transport/solve/map_solver.hpp"
+#include "knothe/assimilation/monitor/evidence_monitor.hpp"
+#include "knothe/likelihood/discrepancy/model_bias.hpp"
+#include "knothe/likelihood/noise/noise_level.hpp"
+#include "knothe/posterior/map/solve/map_solver.hpp"
+#include "knothe/posterior/method.hpp"
 
 namespace knothe::assimilation {
 
 struct UpdateOptions {
-  Method kind = Method::automatic;  ///< how the posterior is computed
+  posterior::Method kind = posterior::Method::automatic;  ///< how the posterior is computed
   /// Draws of `mcmc`, half the evaluations of `smc` where that is more than 20,000, fifty times the members
   /// of `enkf`.
   Eigen::Index samples = 10000;
@@ -21,13 +21,13 @@ struct UpdateOptions {
   /// one low-order map per datum (Rubio et al. 2019, Eq. 10-11).
   enum class Form { collapsed, composed } form = Form::collapsed;
   /// The level of the noise is not known: integrated out with this prior (collapsed form only).
-  std::optional<NoiseLevel> noise_level;
-  transport::MapSolverOptions map;  ///< tolerance, orders, minimiser, number of points, seed
+  std::optional<likelihood::NoiseLevel> noise_level;
+  posterior::MapSolverOptions map;  ///< tolerance, orders, minimiser, number of points, seed
   /// In place of that of `map`: a tempered look for second modes costs more than all the rest of an update.
-  transport::ModeSearchLevel search_modes = transport::ModeSearchLevel::multi_start;
+  posterior::ModeSearchLevel search_modes = posterior::ModeSearchLevel::multi_start;
   /// Correction of the model's bias (Rubio et al. 2019, §4): never, always, or when the monitor says so.
-  BiasCorrectionMode bias_correction = BiasCorrectionMode::off;
-  BiasOptions bias;
+  likelihood::BiasCorrectionMode bias_correction = likelihood::BiasCorrectionMode::off;
+  likelihood::BiasOptions bias;
   MonitorOptions monitor;
   /// A structure that changes (docs/explanation/assimilation.md). Before each datum the likelihood of those
   /// before it is raised to the power `forgetting`, in (0, 1]; before the steps `change_points` to the power

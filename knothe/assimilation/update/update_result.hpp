@@ -4,9 +4,9 @@
 #include <cstddef>
 #include <string>
 
-#include "knothe/assimilation/bias/evidence_monitor.hpp"
-#include "knothe/assimilation/update/posterior.hpp"
+#include "knothe/assimilation/monitor/evidence_monitor.hpp"
 #include "knothe/assimilation/verdict/verdict.hpp"
+#include "knothe/posterior/posterior.hpp"
 
 namespace knothe::assimilation {
 
@@ -22,7 +22,7 @@ struct UpdateTimes {
 
 /// What an update did, and the posterior it found: importance-corrected, and where the map is not to be
 /// trusted and there are at most two parameters by quadrature instead (`remark` says so).
-struct UpdateResult : Posterior {
+struct UpdateResult : posterior::Posterior {
   std::size_t step = 0;
   double time = 0;  ///< model time
 

@@ -10,8 +10,8 @@
 #include <utility>
 #include <vector>
 
-#include "knothe/assimilation/update/prior_of_model.hpp"
 #include "knothe/assimilation/verdict/parameter_change.hpp"
+#include "knothe/likelihood/step/prior_of_model.hpp"
 #include "knothe/numerics/statistics/chi_squared.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
 
@@ -95,9 +95,10 @@ bool has_cause(const Verdict& verdict) {
 
 }  // namespace
 
-Assessor::Assessor(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
-                   const std::vector<Prior>& priors, reduction::Sensors sensors, RobustOptions robust,
-                   reduction::ObservedErrors errors, const MonitorOptions& monitor, VerdictOptions options)
+Assessor::Assessor(std::shared_ptr<const model::ObservedModel> model, likelihood::NoiseModel noise,
+                   const std::vector<posterior::Prior>& priors, model::Sensors sensors,
+                   likelihood::RobustOptions robust, model::ObservedErrors errors,
+                   const MonitorOptions& monitor, VerdictOptions options)
     : model_(std::move(model)),
       priors_(priors),
       robust_(robust),
@@ -105,9 +106,9 @@ Assessor::Assessor(std::shared_ptr<const reduction::ObservedModel> model, NoiseM
       monitor_(monitor),
       options_(options),
       tests_(model_, std::move(noise), std::move(sensors)) {
-  reduction::FunctionBatch centre;
+  model::FunctionBatch centre;
   centre.resize(1, priors_.dimension(), model_->functions->count(), 0);
-  model_->functions->evaluate(medians(priors_).transpose(), 0, centre);
+  model_->functions->evaluate(likelihood::medians(priors_).transpose(), 0, centre);
   central_ = centre.value.row(0).transpose();
   if (errors_.count() == 0) return;
   if (errors_.points.size() > 0) shift_.emplace(*model_, errors_, priors_);
@@ -117,7 +118,7 @@ Assessor::Assessor(std::shared_ptr<const reduction::ObservedModel> model, NoiseM
     projected_.push_back(model_->core[t].transpose() * (weighted * errors_.coefficients[t]));
 }
 
-Verdict Assessor::assess(const AssessedPosterior& posterior, std::span<const DatumPointer> data) {
+Verdict Assessor::assess(const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> data) {
   Verdict verdict;
   if (posterior.latest != nullptr) verdict.latest = misfit_of(*posterior.latest, posterior);
   assess_computation(posterior.update, verdict);
@@ -139,7 +140,7 @@ void Assessor::assess_computation(const UpdateResult& update, Verdict& verdict) 
 }
 
 /// χ² of the data of a form at the mean of w.
-Misfit Assessor::misfit_of(const StepForm& form, const AssessedPosterior& posterior) const {
+Misfit Assessor::misfit_of(const likelihood::StepForm& form, const AssessedPosterior& posterior) const {
   const Eigen::VectorXd v = posterior.functions.mean - central_;
   const double chi_squared = form.constant - 2 * form.linear.dot(v) + v.dot(form.quadratic * v);
   Misfit misfit{std::max(0.0, chi_squared) / posterior.update.noise_level.value_or(1.0), form.used};
@@ -148,7 +149,8 @@ Misfit Assessor::misfit_of(const StepForm& form, const AssessedPosterior& poster
   return misfit;
 }
 
-ResidualReport Assessor::examine(const AssessedPosterior& posterior, std::span<const DatumPointer> data) {
+ResidualReport Assessor::examine(const AssessedPosterior& posterior,
+                                 std::span<const likelihood::DatumPointer> data) {
   const Index parameters = priors_.dimension();
   ResidualReport report =
       tests_.examine(data, posterior.functions.mean, posterior.update.noise_level.value_or(1.0), parameters);
@@ -172,8 +174,8 @@ ResidualReport Assessor::examine(const AssessedPosterior& posterior, std::span<c
 }
 
 /// `data`: all.
-void Assessor::test_constancy(const AssessedPosterior& posterior, std::span<const DatumPointer> data,
-                              ResidualReport& report) const {
+void Assessor::test_constancy(const AssessedPosterior& posterior,
+                              std::span<const likelihood::DatumPointer> data, ResidualReport& report) const {
   if (posterior.all_data == nullptr) return;
   const ParameterChange change =
       find_parameter_change(posterior.all_data->blocks, posterior.functions.mean - central_,
@@ -188,7 +190,7 @@ void Assessor::test_constancy(const AssessedPosterior& posterior, std::span<cons
 }
 
 std::string Assessor::misfit_in_words(const ResidualReport& report,
-                                      std::span<const DatumPointer> data) const {
+                                      std::span<const likelihood::DatumPointer> data) const {
   const ResidualTest worst = report.worst(options_.fit_caution);
   const Index at = report.at[static_cast<std::size_t>(worst)];
   switch (worst) {
@@ -236,7 +238,7 @@ std::string Assessor::misfit_in_words(const ResidualReport& report,
   return {};
 }
 
-void Assessor::assess_fit(const AssessedPosterior& posterior, std::span<const DatumPointer> data,
+void Assessor::assess_fit(const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> data,
                           Verdict& verdict) {
   if (posterior.corrected || data.empty()) return;  // the correction takes up what is left over
   const auto examined = data.last(std::min(options_.examined, data.size()));
@@ -269,7 +271,7 @@ void Assessor::assess_range(const UpdateResult& update, Verdict& verdict) const 
   const Index d = update.mean.size();
   verdict.edge_mass = Eigen::VectorXd::Zero(d);
   for (Index a = 0; a < d; ++a) {
-    const Prior& prior = priors_.prior(a);
+    const posterior::Prior& prior = priors_.prior(a);
     const double lower = prior.lower(), upper = prior.upper();
     if (!std::isfinite(lower) || !std::isfinite(upper)) continue;
     const double outer = 0.02 * (upper - lower);
@@ -293,10 +295,11 @@ void Assessor::assess_range(const UpdateResult& update, Verdict& verdict) const 
 }
 
 /// Of the values that are there; with correlated noise, as if all were.
-Eigen::MatrixXd Assessor::projected_errors(const Datum& datum) const {
+Eigen::MatrixXd Assessor::projected_errors(const likelihood::Datum& datum) const {
   const Eigen::MatrixXd* step_error = tests_.noise().step_error(datum.step);
-  const bool own = datum.noise || has_own_noise(tests_.noise(), datum.step) || step_error != nullptr;
-  const GaussianNoise& noise = datum.noise ? *datum.noise : tests_.noise().at_step(datum.step);
+  const bool own =
+      datum.noise || likelihood::has_own_noise(tests_.noise(), datum.step) || step_error != nullptr;
+  const likelihood::GaussianNoise& noise = datum.noise ? *datum.noise : tests_.noise().at_step(datum.step);
   const bool complete = !noise.is_independent() || !datum.values.hasNaN();
   if (complete && !own) return projected_[datum.time_index];
   Eigen::MatrixXd errors = errors_.space * errors_.coefficients[datum.time_index];
@@ -304,7 +307,7 @@ Eigen::MatrixXd Assessor::projected_errors(const Datum& datum) const {
     for (Eigen::Index i = 0; i < errors.rows(); ++i)
       if (std::isnan(datum.values[i])) errors.row(i).setZero();
   const Eigen::MatrixXd weighted =
-      step_error == nullptr ? noise.apply(errors) : apply_with_error(noise, *step_error, errors);
+      step_error == nullptr ? noise.apply(errors) : likelihood::apply_with_error(noise, *step_error, errors);
   return model_->core[datum.time_index].transpose() * (model_->space.transpose() * weighted);
 }
 
@@ -343,8 +346,8 @@ Eigen::VectorXd Assessor::mean_shift(const Eigen::MatrixXd& shifts, const Update
 /// a constant − w(p)ᵀ h, h = Σ (U C_t)ᵀ R⁻¹ e(t), as far as e does not change over the posterior, and the
 /// mean moves by −Cov(p, w) h; with the regression Cov(w, p) L⁻ᵀ = T, L Lᵀ = Cov(p), that is −L Tᵀ h. And
 /// where it is known at which parameters each error was found: the model fitted there (`ModelShift`).
-void Assessor::assess_model(const AssessedPosterior& posterior, std::span<const DatumPointer> data,
-                            Verdict& verdict) {
+void Assessor::assess_model(const AssessedPosterior& posterior,
+                            std::span<const likelihood::DatumPointer> data, Verdict& verdict) {
   if (errors_.count() == 0 || data.empty()) return;
   if (sum_.data > data.size() || sum_.data == 0)
     sum_ = {0, 0, Eigen::MatrixXd::Zero(model_->functions->count(), errors_.count())};

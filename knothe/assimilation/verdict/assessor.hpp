@@ -6,15 +6,15 @@
 #include <span>
 #include <vector>
 
-#include "knothe/assimilation/update/posterior_functions.hpp"
 #include "knothe/assimilation/update/robust_update.hpp"
-#include "knothe/assimilation/update/step_store.hpp"
 #include "knothe/assimilation/update/update_result.hpp"
 #include "knothe/assimilation/verdict/misfit_diagnosis.hpp"
 #include "knothe/assimilation/verdict/model_shift.hpp"
 #include "knothe/assimilation/verdict/residual_tests.hpp"
 #include "knothe/assimilation/verdict/verdict.hpp"
-#include "knothe/reduction/model/truncation_error.hpp"
+#include "knothe/likelihood/step/posterior_functions.hpp"
+#include "knothe/likelihood/step/step_store.hpp"
+#include "knothe/model/reduced/truncation_error.hpp"
 
 namespace knothe::assimilation {
 
@@ -33,12 +33,12 @@ struct VerdictOptions {
 /// What a verdict is made from beside the data.
 struct AssessedPosterior {
   const UpdateResult& update;
-  const PosteriorFunctions& functions;  ///< w over the posterior
+  const likelihood::PosteriorFunctions& functions;  ///< w over the posterior
   /// The forms of all data that the posterior is of, where it is made of forms and nothing in them is
   /// corrected or forgotten; null otherwise.
-  const FormSums* all_data = nullptr;
+  const likelihood::FormSums* all_data = nullptr;
   /// The form of the last step's data given those before, as it was assimilated; null: not known.
-  const StepForm* latest = nullptr;
+  const likelihood::StepForm* latest = nullptr;
   bool corrected = false;  ///< some of the data were assimilated with the corrected model
   std::span<const Eigen::Index> stuck = {};
 };
@@ -47,39 +47,43 @@ struct AssessedPosterior {
 class Assessor {
  public:
   /// `priors`: truncated to the model's box. `errors` may be empty.
-  Assessor(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
-           const std::vector<Prior>& priors, reduction::Sensors sensors, RobustOptions robust,
-           reduction::ObservedErrors errors, const MonitorOptions& monitor, VerdictOptions options = {});
+  Assessor(std::shared_ptr<const model::ObservedModel> model, likelihood::NoiseModel noise,
+           const std::vector<posterior::Prior>& priors, model::Sensors sensors,
+           likelihood::RobustOptions robust, model::ObservedErrors errors, const MonitorOptions& monitor,
+           VerdictOptions options = {});
 
   /// `data`: all that are still to be explained, in the order of the steps.
-  [[nodiscard]] Verdict assess(const AssessedPosterior& posterior, std::span<const DatumPointer> data);
+  [[nodiscard]] Verdict assess(const AssessedPosterior& posterior,
+                               std::span<const likelihood::DatumPointer> data);
   /// Data of steps from this one on have changed.
   void forget_from(std::size_t step);
 
  private:
   void assess_computation(const UpdateResult& update, Verdict& verdict) const;
-  void assess_fit(const AssessedPosterior& posterior, std::span<const DatumPointer> data, Verdict& verdict);
-  [[nodiscard]] Misfit misfit_of(const StepForm& form, const AssessedPosterior& posterior) const;
+  void assess_fit(const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> data,
+                  Verdict& verdict);
+  [[nodiscard]] Misfit misfit_of(const likelihood::StepForm& form, const AssessedPosterior& posterior) const;
   [[nodiscard]] ResidualReport examine(const AssessedPosterior& posterior,
-                                       std::span<const DatumPointer> data);
-  void test_constancy(const AssessedPosterior& posterior, std::span<const DatumPointer> data,
+                                       std::span<const likelihood::DatumPointer> data);
+  void test_constancy(const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> data,
                       ResidualReport& report) const;
   [[nodiscard]] std::string misfit_in_words(const ResidualReport& report,
-                                            std::span<const DatumPointer> data) const;
+                                            std::span<const likelihood::DatumPointer> data) const;
   void assess_range(const UpdateResult& update, Verdict& verdict) const;
-  void assess_model(const AssessedPosterior& posterior, std::span<const DatumPointer> data, Verdict& verdict);
+  void assess_model(const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> data,
+                    Verdict& verdict);
   [[nodiscard]] Eigen::VectorXd mean_shift(const Eigen::MatrixXd& shifts, const UpdateResult& update) const;
   void add_model_reason(const Eigen::VectorXd& shift, double caution, double reject, Verdict& verdict) const;
   void assess_sensors(const AssessedPosterior& posterior, Verdict& verdict) const;
   [[nodiscard]] Eigen::VectorXd relevance_of_errors(const UpdateResult& update) const;
-  [[nodiscard]] Eigen::MatrixXd projected_errors(const Datum& datum) const;
+  [[nodiscard]] Eigen::MatrixXd projected_errors(const likelihood::Datum& datum) const;
   [[nodiscard]] const std::string& name_of_parameter(Eigen::Index a) const { return model_->parameters[a]; }
 
-  std::shared_ptr<const reduction::ObservedModel> model_;
-  PriorTransform priors_;
+  std::shared_ptr<const model::ObservedModel> model_;
+  posterior::PriorTransform priors_;
   Eigen::VectorXd central_;  ///< w₀ of forms
-  RobustOptions robust_;
-  reduction::ObservedErrors errors_;
+  likelihood::RobustOptions robust_;
+  model::ObservedErrors errors_;
   MonitorOptions monitor_;
   VerdictOptions options_;
   ResidualTests tests_;

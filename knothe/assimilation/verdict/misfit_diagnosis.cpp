@@ -19,15 +19,15 @@ constexpr Index k_starts = 14;            // of a fit, beside the posterior's me
 constexpr Index k_matched_sensors = 300;  // whose order is looked for: the cost grows with their square
 
 /// Evenly chosen, the first and the last among them.
-std::vector<DatumPointer> some_of(std::span<const DatumPointer> data) {
+std::vector<likelihood::DatumPointer> some_of(std::span<const likelihood::DatumPointer> data) {
   if (data.size() <= k_looked_at) return {data.begin(), data.end()};
-  std::vector<DatumPointer> chosen;
+  std::vector<likelihood::DatumPointer> chosen;
   for (std::size_t k = 0; k < k_looked_at; ++k)
     chosen.push_back(data[k * (data.size() - 1) / (k_looked_at - 1)]);
   return chosen;
 }
 
-Eigen::MatrixXd starts_of(const PriorTransform& priors, const Eigen::VectorXd& p) {
+Eigen::MatrixXd starts_of(const posterior::PriorTransform& priors, const Eigen::VectorXd& p) {
   Eigen::MatrixXd z = numerics::sobol_normal_points(k_starts, p.size(), 7);
   z.row(0).setZero();
   Eigen::MatrixXd points(z.rows(), z.cols()), none;
@@ -47,9 +47,9 @@ struct Tried {
 
 class Diagnostician {
  public:
-  Diagnostician(const reduction::ObservedModel& model, const ResidualTests& tests,
-                const PriorTransform& priors, std::span<const DatumPointer> data, const Eigen::VectorXd& p,
-                double limit)
+  Diagnostician(const model::ObservedModel& model, const ResidualTests& tests,
+                const posterior::PriorTransform& priors, std::span<const likelihood::DatumPointer> data,
+                const Eigen::VectorXd& p, double limit)
       : tests_(tests),
         data_(data),
         few_(some_of(data)),
@@ -210,7 +210,7 @@ class Diagnostician {
   }
 
   void try_factors() {
-    const reduction::Sensors& sensors = tests_.sensors();
+    const model::Sensors& sensors = tests_.sensors();
     const Index n = tests_.noise().size();
     const auto displacements = sensors.size() == 0 ? n : static_cast<Index>(sensors.displacement_count());
     if (displacements > 0) {
@@ -245,7 +245,7 @@ class Diagnostician {
 
   /// The other component at the same point.
   void try_swapped_components() {
-    const reduction::Sensors& sensors = tests_.sensors();
+    const model::Sensors& sensors = tests_.sensors();
     const std::size_t n = sensors.displacement_count();
     for (int a = 0; a < 3; ++a) {
       for (int b = a + 1; b < 3; ++b) {
@@ -305,10 +305,10 @@ class Diagnostician {
   }
 
   const ResidualTests& tests_;
-  std::span<const DatumPointer> data_;
-  std::vector<DatumPointer> few_;
+  std::span<const likelihood::DatumPointer> data_;
+  std::vector<likelihood::DatumPointer> few_;
   WhatIfFits fits_;
-  const reduction::ObservedModel& model_;
+  const model::ObservedModel& model_;
   double limit_;
   Index parameters_;
   double base_ = 0;
@@ -317,9 +317,9 @@ class Diagnostician {
 
 }  // namespace
 
-Diagnosis diagnose(const reduction::ObservedModel& model, const ResidualTests& tests,
-                   const PriorTransform& priors, std::span<const DatumPointer> data, const Eigen::VectorXd& p,
-                   const ResidualReport& report, double limit) {
+Diagnosis diagnose(const model::ObservedModel& model, const ResidualTests& tests,
+                   const posterior::PriorTransform& priors, std::span<const likelihood::DatumPointer> data,
+                   const Eigen::VectorXd& p, const ResidualReport& report, double limit) {
   return Diagnostician(model, tests, priors, data, p, limit).diagnose(report);
 }
 

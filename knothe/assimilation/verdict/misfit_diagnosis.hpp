@@ -6,9 +6,9 @@
 #include <span>
 #include <string>
 
-#include "knothe/assimilation/update/prior_transform.hpp"
 #include "knothe/assimilation/verdict/residual_tests.hpp"
 #include "knothe/assimilation/verdict/verdict.hpp"
+#include "knothe/posterior/prior/prior_transform.hpp"
 
 namespace knothe::assimilation {
 
@@ -23,8 +23,9 @@ struct Diagnosis {
 /// shift in time, swapped components, the order of the sensors. Named is the one that explains the data, or
 /// else a level of the noise if the residuals are white, or else what takes most of the misfit away. Some ten
 /// least-squares fits: milliseconds.
-[[nodiscard]] Diagnosis diagnose(const reduction::ObservedModel& model, const ResidualTests& tests,
-                                 const PriorTransform& priors, std::span<const DatumPointer> data,
-                                 const Eigen::VectorXd& p, const ResidualReport& report, double limit);
+[[nodiscard]] Diagnosis diagnose(const model::ObservedModel& model, const ResidualTests& tests,
+                                 const posterior::PriorTransform& priors,
+                                 std::span<const likelihood::DatumPointer> data, const Eigen::VectorXd& p,
+                                 const ResidualReport& report, double limit);
 
 }  // namespace knothe::assimilation

@@ -13,15 +13,15 @@ constexpr int k_steps = 20, k_halvings = 6;
 
 }  // namespace
 
-ModelShift::ModelShift(const reduction::ObservedModel& model, const reduction::ObservedErrors& errors,
-                       const PriorTransform& priors)
+ModelShift::ModelShift(const model::ObservedModel& model, const model::ObservedErrors& errors,
+                       const posterior::PriorTransform& priors)
     : functions_(model.functions) {
   const Index d = priors.dimension();
   lower_.resize(d);
   upper_.resize(d);
   prior_precision_.resize(d);
   for (Index a = 0; a < d; ++a) {
-    const Prior& prior = priors.prior(a);
+    const posterior::Prior& prior = priors.prior(a);
     lower_[a] = prior.lower();
     upper_[a] = prior.upper();
     const double std = 0.5 * (prior.from_standard_normal(1).value - prior.from_standard_normal(-1).value);
@@ -31,7 +31,7 @@ ModelShift::ModelShift(const reduction::ObservedModel& model, const reduction::O
 }
 
 ModelShift::Point ModelShift::at(const Eigen::VectorXd& p) const {
-  reduction::FunctionBatch batch;
+  model::FunctionBatch batch;
   const Index d = p.size(), r = functions_->count();
   batch.resize(1, d, r, 1);
   functions_->evaluate(p.transpose(), 1, batch);

@@ -4,9 +4,9 @@
 #include <memory>
 #include <vector>
 
-#include "knothe/assimilation/update/prior_transform.hpp"
-#include "knothe/reduction/model/truncation_error.hpp"
-#include "knothe/reduction/observe/observed_model.hpp"
+#include "knothe/model/observe/observed_model.hpp"
+#include "knothe/model/reduced/truncation_error.hpp"
+#include "knothe/posterior/prior/prior_transform.hpp"
 
 namespace knothe::assimilation {
 
@@ -21,8 +21,8 @@ namespace knothe::assimilation {
 class ModelShift {
  public:
   /// `errors.points`: k × d, not empty.
-  ModelShift(const reduction::ObservedModel& model, const reduction::ObservedErrors& errors,
-             const PriorTransform& priors);
+  ModelShift(const model::ObservedModel& model, const model::ObservedErrors& errors,
+             const posterior::PriorTransform& priors);
 
   /// (p̂_j − p_j) in posterior standard deviations there, d × k. `quadratic`: G of the data so far, r × r;
   /// `projected`: h_j, r × k. Cost: O(k r² d), and some Gauss–Newton steps of a point where the linear
@@ -38,7 +38,7 @@ class ModelShift {
   [[nodiscard]] Eigen::VectorXd shift(const Point& known, const Eigen::MatrixXd& quadratic,
                                       const Eigen::Ref<const Eigen::VectorXd>& projected) const;
 
-  std::shared_ptr<const reduction::ParameterFunctions> functions_;
+  std::shared_ptr<const model::ParameterFunctions> functions_;
   Eigen::VectorXd lower_, upper_, prior_precision_;  ///< d
   std::vector<Point> known_;                         ///< k
 };

@@ -5,7 +5,7 @@
 #include <Eigen/Cholesky>
 #include <random>
 
-#include "knothe/assimilation/testing/test_models.hpp"
+#include "knothe/likelihood/testing/test_models.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -21,13 +21,13 @@ MatrixXd random_matrix(Index rows, Index columns, unsigned seed) {
   return MatrixXd::NullaryExpr(rows, columns, [&] { return normal(random); });
 }
 
-ModelShift shift_of(std::shared_ptr<const reduction::ParameterFunctions> functions, const MatrixXd& points,
-                    const std::vector<Prior>& priors) {
-  reduction::ObservedModel model;
+ModelShift shift_of(std::shared_ptr<const model::ParameterFunctions> functions, const MatrixXd& points,
+                    const std::vector<posterior::Prior>& priors) {
+  model::ObservedModel model;
   model.functions = std::move(functions);
-  reduction::ObservedErrors errors;
+  model::ObservedErrors errors;
   errors.points = points;
-  return {model, errors, PriorTransform(priors)};
+  return {model, errors, posterior::PriorTransform(priors)};
 }
 
 /// A linear model with normal priors: (G + Λ)⁻¹ h, however large.
@@ -35,8 +35,9 @@ TEST(ModelShift, OfALinearModelIsTheConjugateFormula) {
   const Index d = 3;
   const MatrixXd root = random_matrix(d, d, 1), h = 20 * random_matrix(d, 5, 2);
   const MatrixXd quadratic = root * root.transpose();
-  const ModelShift shift = shift_of(std::make_shared<test::LinearFunctions>(d), random_matrix(5, d, 3),
-                                    std::vector<Prior>(3, Prior::normal(1, 2)));
+  const ModelShift shift =
+      shift_of(std::make_shared<likelihood::test::LinearFunctions>(d), random_matrix(5, d, 3),
+               std::vector<posterior::Prior>(3, posterior::Prior::normal(1, 2)));
   const MatrixXd covariance =
       (quadratic + 0.25 * MatrixXd::Identity(d, d)).llt().solve(MatrixXd::Identity(d, d));
   const MatrixXd expected = covariance.diagonal().cwiseSqrt().cwiseInverse().asDiagonal() * (covariance * h);
@@ -45,9 +46,9 @@ TEST(ModelShift, OfALinearModelIsTheConjugateFormula) {
 
 /// A model that bends over the shift: the objective's minimum on a fine grid, derivatives by differences.
 TEST(ModelShift, OfACurvedModelIsTheFitToTheKnownSolution) {
-  const auto functions = std::make_shared<test::CurvedFunctions>();
+  const auto functions = std::make_shared<likelihood::test::CurvedFunctions>();
   const auto w = [&](const Vector2d& p) {
-    reduction::FunctionBatch batch;
+    model::FunctionBatch batch;
     batch.resize(1, 2, 3, 0);
     functions->evaluate(p.transpose(), 0, batch);
     return VectorXd(batch.value.row(0).transpose());
@@ -58,9 +59,9 @@ TEST(ModelShift, OfACurvedModelIsTheFitToTheKnownSolution) {
   MatrixXd h(3, 3);
   for (Index j = 0; j < 3; ++j)
     h.col(j) = quadratic * (0.04 * random_matrix(3, 1, 10 + static_cast<unsigned>(j)));
-  const std::vector<Prior> priors(2, Prior::normal(1, 0.3).truncated(0.5, 1.5, "p"));
+  const std::vector<posterior::Prior> priors(2, posterior::Prior::normal(1, 0.3).truncated(0.5, 1.5, "p"));
   const MatrixXd found = shift_of(functions, points, priors).of(quadratic, h);
-  const PriorTransform transform(priors);
+  const posterior::PriorTransform transform(priors);
   const double std = 0.5 * (transform.prior(0).from_standard_normal(1).value -
                             transform.prior(0).from_standard_normal(-1).value);
   const MatrixXd precision = MatrixXd::Identity(2, 2) / (std * std);

@@ -17,7 +17,7 @@ constexpr double k_min_information = 1e-3;
 
 }  // namespace
 
-ParameterChange find_parameter_change(const FormBlocks& blocks, const Eigen::VectorXd& w,
+ParameterChange find_parameter_change(const likelihood::FormBlocks& blocks, const Eigen::VectorXd& w,
                                       const Eigen::MatrixXd& tangent, double level) {
   const std::size_t count = blocks.forms().size();
   if (count < k_min_blocks) return {};
@@ -28,7 +28,7 @@ ParameterChange find_parameter_change(const FormBlocks& blocks, const Eigen::Vec
   std::vector<Eigen::MatrixXd> up_to(count);
   Eigen::MatrixXd curved(w.size(), d + 1);
   for (std::size_t k = 0; k < count; ++k) {
-    const StepForm& form = blocks.forms()[k];
+    const likelihood::StepForm& form = blocks.forms()[k];
     curved.noalias() = form.quadratic.lazyProduct(directions);  // few columns: no packing
     up_to[k].noalias() = tangent.transpose().lazyProduct(curved);
     up_to[k].col(d) = tangent.transpose() * form.linear - up_to[k].col(d);

@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <cstddef>
 
-#include "knothe/assimilation/update/step_form.hpp"
+#include "knothe/likelihood/step/step_form.hpp"
 
 namespace knothe::assimilation {
 
@@ -25,9 +25,10 @@ struct ParameterChange {
 /// `w`: posterior mean of the functions, centred as the forms are, r. `tangent`: r × d, where w goes when a
 /// parameter increases by a posterior standard deviation. `level`: factor of all variances. Less than
 /// `k_min_blocks` blocks: no test. Cost: O(r² d) per block.
-[[nodiscard]] ParameterChange find_parameter_change(const FormBlocks& blocks, const Eigen::VectorXd& w,
-                                                    const Eigen::MatrixXd& tangent, double level);
+[[nodiscard]] ParameterChange find_parameter_change(const likelihood::FormBlocks& blocks,
+                                                    const Eigen::VectorXd& w, const Eigen::MatrixXd& tangent,
+                                                    double level);
 
-inline constexpr std::size_t k_min_blocks = FormBlocks::k_max_blocks / 2;
+inline constexpr std::size_t k_min_blocks = likelihood::FormBlocks::k_max_blocks / 2;
 
 }  // namespace knothe::assimilation

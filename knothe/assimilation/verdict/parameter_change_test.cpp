@@ -50,10 +50,10 @@ struct LinearTest {
     }
     return {a, b};
   }
-  [[nodiscard]] FormBlocks blocks() const {
-    FormBlocks blocks;
+  [[nodiscard]] likelihood::FormBlocks blocks() const {
+    likelihood::FormBlocks blocks;
     for (std::size_t t = 0; t < maps.size(); ++t) {
-      StepForm form = StepForm::zero(k_functions);
+      likelihood::StepForm form = likelihood::StepForm::zero(k_functions);
       form.quadratic = maps[t].transpose() * maps[t];
       form.linear = maps[t].transpose() * values[t];
       blocks.add(form);
@@ -71,10 +71,10 @@ struct LinearTest {
 
 TEST(FormBlocks, HoldEveryStepOnceInBlocksOfEquallyMany) {
   for (const int steps : {1, 15, 16, 17, 33, 100, 1000}) {
-    FormBlocks blocks;
+    likelihood::FormBlocks blocks;
     double sum = 0;
     for (int t = 1; t <= steps; ++t) {
-      StepForm form = StepForm::zero(1);
+      likelihood::StepForm form = likelihood::StepForm::zero(1);
       form.constant = t;
       form.used = 1;
       blocks.add(form);
@@ -86,7 +86,7 @@ TEST(FormBlocks, HoldEveryStepOnceInBlocksOfEquallyMany) {
       EXPECT_LE(used, blocks.steps_per_block());
     }
     EXPECT_EQ(sum, steps * (steps + 1) / 2);
-    EXPECT_LE(blocks.forms().size(), FormBlocks::k_max_blocks);
+    EXPECT_LE(blocks.forms().size(), likelihood::FormBlocks::k_max_blocks);
     if (steps > 15) EXPECT_GE(blocks.forms().size(), k_min_blocks);
   }
 }

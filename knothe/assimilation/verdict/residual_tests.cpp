@@ -48,15 +48,15 @@ double two_sided(double z) {
 }
 
 /// rᵀ (R + F Fᵀ)⁻¹ r with F = `error`, of the values that are there; `residual` is 0 at the others.
-double misfit_with(const Eigen::MatrixXd& error, const Eigen::VectorXd& values, const GaussianNoise& noise,
-                   const Eigen::VectorXd& residual) {
+double misfit_with(const Eigen::MatrixXd& error, const Eigen::VectorXd& values,
+                   const likelihood::GaussianNoise& noise, const Eigen::VectorXd& residual) {
   Eigen::MatrixXd seen = error;
   for (Index i = 0; i < values.size(); ++i)
     if (std::isnan(values[i])) seen.row(i).setZero();
-  return residual.dot(apply_with_error(noise, seen, residual).col(0));
+  return residual.dot(likelihood::apply_with_error(noise, seen, residual).col(0));
 }
 
-std::vector<std::array<Index, 2>> nearest_of_same_component(const reduction::Sensors& sensors) {
+std::vector<std::array<Index, 2>> nearest_of_same_component(const model::Sensors& sensors) {
   const std::size_t n = sensors.displacement_count();
   std::set<std::array<Index, 2>> pairs;
   if (static_cast<Index>(n) > k_sought_neighbours) return {};
@@ -88,14 +88,14 @@ ResidualTest ResidualReport::worst(double limit) const {
   return of(of_model) < limit ? of_model : worst;
 }
 
-ResidualTests::ResidualTests(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
-                             reduction::Sensors sensors)
+ResidualTests::ResidualTests(std::shared_ptr<const model::ObservedModel> model, likelihood::NoiseModel noise,
+                             model::Sensors sensors)
     : model_(std::move(model)),
       noise_(std::move(noise)),
       sensors_(std::move(sensors)),
       groups_(static_cast<std::size_t>(noise_.size()), 0) {
   const Index n = noise_.size();
-  const GaussianNoise& measurement = noise_.measurement();
+  const likelihood::GaussianNoise& measurement = noise_.measurement();
   inverse_std_ = measurement.is_independent() ? Eigen::VectorXd(measurement.inverse_variance())
                                               : Eigen::VectorXd(measurement.precision().diagonal());
   // Errors that steps share are no part of R.
@@ -151,8 +151,8 @@ std::string ResidualTests::name_of(Index sensor) const {
       "xyz"[sensors_.components[i]], at[0], at[1], at[2]);
 }
 
-ResidualReport ResidualTests::examine(std::span<const DatumPointer> data, const Eigen::VectorXd& w,
-                                      double level, Index parameters) {
+ResidualReport ResidualTests::examine(std::span<const likelihood::DatumPointer> data,
+                                      const Eigen::VectorXd& w, double level, Index parameters) {
   const Index n = noise_.size(), m = std::ssize(data);
   Eigen::MatrixXd residuals(n, m);
   if (!rows_.empty()) {
@@ -169,7 +169,7 @@ ResidualReport ResidualTests::examine(std::span<const DatumPointer> data, const 
   bool own = false, all_in_modes = true;
   const double scale = 1 / std::sqrt(level);
   for (Index k = 0; k < m; ++k) {
-    const Datum& datum = *data[k];
+    const likelihood::Datum& datum = *data[k];
     auto residual = residuals.col(k);
     residual += datum.values - model_->lift.col(static_cast<Index>(datum.time_index));
     Index present = measured_;
@@ -181,8 +181,8 @@ ResidualReport ResidualTests::examine(std::span<const DatumPointer> data, const 
         }
     if (present == 0) continue;  // a picture that is gone
     residual *= scale;
-    const GaussianNoise& noise = datum.noise ? *datum.noise : noise_.at_step(datum.step);
-    const bool is_own = datum.noise || has_own_noise(noise_, datum.step);
+    const likelihood::GaussianNoise& noise = datum.noise ? *datum.noise : noise_.at_step(datum.step);
+    const bool is_own = datum.noise || likelihood::has_own_noise(noise_, datum.step);
     own = own || is_own;
     double misfit = 0;
     if (noise.is_independent()) {
@@ -215,10 +215,10 @@ ResidualReport ResidualTests::examine(std::span<const DatumPointer> data, const 
   report.set(ResidualTest::total, numerics::chi_squared_upper(report.misfit, values));
   if (noise_.has_step_errors()) {
     // Single values are those of R and of an error that all share, which is not told from noise.
-    if (!links_steps(noise_)) steps.tell(report, ResidualTest::step);
+    if (!likelihood::links_steps(noise_)) steps.tell(report, ResidualTest::step);
     return report;
   }
-  if (links_steps(noise_)) {
+  if (likelihood::links_steps(noise_)) {
     // What is given here is one step's noise: of many steps only single values are what they seem.
     test_extremes(report);
     return report;
@@ -288,7 +288,7 @@ void ResidualTests::test_extremes(ResidualReport& report) const {
   const auto of_many = [](double score, double count) { return std::min(1.0, two_sided(score) * count); };
   report.set(ResidualTest::value, of_many(largest, static_cast<double>(report.values)),
              step * z.rows() + sensor);
-  if (links_steps(noise_)) return;
+  if (likelihood::links_steps(noise_)) return;
   const double mean = sums.cwiseAbs().maxCoeff(&at) / std::sqrt(static_cast<double>(z.cols()));
   report.set(ResidualTest::sensor_mean, of_many(mean, static_cast<double>(z.rows())), at);
 }

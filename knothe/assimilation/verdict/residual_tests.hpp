@@ -9,10 +9,10 @@
 #include <string>
 #include <vector>
 
-#include "knothe/assimilation/data/data_set.hpp"
-#include "knothe/assimilation/noise/noise_model.hpp"
-#include "knothe/reduction/observe/observed_model.hpp"
-#include "knothe/reduction/observe/sensors.hpp"
+#include "knothe/likelihood/data/data_set.hpp"
+#include "knothe/likelihood/noise/noise_model.hpp"
+#include "knothe/model/observe/observed_model.hpp"
+#include "knothe/model/observe/sensors.hpp"
 
 namespace knothe::assimilation {
 
@@ -68,18 +68,18 @@ class ResidualTests {
  public:
   /// `sensors`: places and components of the model's observations, or empty: then there are no groups and no
   /// neighbours in space.
-  ResidualTests(std::shared_ptr<const reduction::ObservedModel> model, NoiseModel noise,
-                reduction::Sensors sensors);
+  ResidualTests(std::shared_ptr<const model::ObservedModel> model, likelihood::NoiseModel noise,
+                model::Sensors sensors);
 
   /// At the functions `w` (r; the posterior mean). `level`: factor of all variances. `parameters`: how many
   /// values the fit can absorb.
-  [[nodiscard]] ResidualReport examine(std::span<const DatumPointer> data, const Eigen::VectorXd& w,
-                                       double level, Eigen::Index parameters);
+  [[nodiscard]] ResidualReport examine(std::span<const likelihood::DatumPointer> data,
+                                       const Eigen::VectorXd& w, double level, Eigen::Index parameters);
   /// The same for scores that are known (those of a report, changed; 0: missing), independent noise.
   [[nodiscard]] ResidualReport examine_scores(Eigen::MatrixXd scores, Eigen::Index parameters) const;
 
-  [[nodiscard]] const NoiseModel& noise() const { return noise_; }
-  [[nodiscard]] const reduction::Sensors& sensors() const { return sensors_; }
+  [[nodiscard]] const likelihood::NoiseModel& noise() const { return noise_; }
+  [[nodiscard]] const model::Sensors& sensors() const { return sensors_; }
   /// 1/standard deviation of each sensor given the others, n; 0 where it is not measured.
   [[nodiscard]] const Eigen::VectorXd& inverse_std() const { return inverse_std_; }
   /// "sensor 12 (y at 0.05, 0.10, 0.00 m)", or the name of a series.
@@ -98,13 +98,13 @@ class ResidualTests {
   void test_extremes(ResidualReport& report) const;
   void test_modes(const Eigen::MatrixXd& residuals, ResidualReport& report) const;
 
-  std::shared_ptr<const reduction::ObservedModel> model_;
-  NoiseModel noise_;
-  reduction::Sensors sensors_;
+  std::shared_ptr<const model::ObservedModel> model_;
+  likelihood::NoiseModel noise_;
+  model::Sensors sensors_;
   Eigen::VectorXd inverse_std_, std_;
   Eigen::Index measured_ = 0;          ///< sensors that are measured at all
   std::vector<Eigen::Index> present_;  ///< of the last datum with missing values, correlated noise …
-  std::optional<GaussianNoise> present_noise_;  ///< … and that of these
+  std::optional<likelihood::GaussianNoise> present_noise_;  ///< … and that of these
   std::vector<Eigen::Index> groups_;
   std::vector<std::string> group_names_;
   std::vector<std::array<Eigen::Index, 2>> neighbours_;

@@ -8,10 +8,10 @@
 #include <cstdlib>
 #include <random>
 
-#include "knothe/assimilation/testing/bench_models.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/assimilation/verdict/assessor.hpp"
 #include "knothe/base/monotonic_time.hpp"
+#include "knothe/likelihood/testing/bench_models.hpp"
 
 int main(int count, char** arguments) {
   using namespace knothe::assimilation;
@@ -25,8 +25,8 @@ int main(int count, char** arguments) {
   const auto draws = [&](Index rows, Index columns) {
     return MatrixXd(MatrixXd::NullaryExpr(rows, columns, [&](Index, Index) { return normal(random); }));
   };
-  auto model = std::make_shared<knothe::reduction::ObservedModel>();
-  model->functions = std::make_shared<bench::SmoothFunctions>(r);
+  auto model = std::make_shared<knothe::model::ObservedModel>();
+  model->functions = std::make_shared<likelihood::bench::SmoothFunctions>(r);
   model->parameters = {"a", "b"};
   model->space = draws(n, r);
   model->lift = draws(n, k_times);
@@ -34,14 +34,14 @@ int main(int count, char** arguments) {
     model->time.push_back(static_cast<double>(t));
     model->core.emplace_back(draws(r, r));
   }
-  knothe::reduction::Sensors sensors;
+  knothe::model::Sensors sensors;
   for (Index i = 0; i < n; ++i) {
     const std::array<double, 3> at = {static_cast<double>(i / 2), 0, 0};
     sensors.add(at, i % 2);
   }
   const NoiseModel noise = NoiseModel::independent(VectorXd::Constant(n, 20));
   const std::vector<Prior> priors(2, Prior::normal(1, 0.3).truncated(0.5, 1.5, "p"));
-  knothe::reduction::ObservedErrors errors;
+  knothe::model::ObservedErrors errors;
   errors.space = draws(n, 20);
   for (Index t = 0; t < k_times; ++t) errors.coefficients.emplace_back(1e-3 * draws(20, 8));
   errors.points = (0.8 * MatrixXd::Random(8, 2).array() / 2 + 1).matrix();

@@ -2,14 +2,16 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/LU>
+
 #include <Eigen/Cholesky>
 #include <cmath>
 #include <limits>
 #include <random>
 
-#include "knothe/assimilation/testing/test_models.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/assimilation/verdict/assessor.hpp"
+#include "knothe/likelihood/testing/test_models.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -62,23 +64,24 @@ TEST(RunVerdict, AfterARefinementOnlyRejectedValuesStand) {
   EXPECT_EQ(run.verdict().level, VerdictLevel::caution);
 }
 
-DatumPointer datum_of(std::size_t step, std::size_t time_index, const VectorXd& values) {
-  return std::make_shared<const Datum>(Datum{{}, step, time_index, values, std::nullopt});
+likelihood::DatumPointer datum_of(std::size_t step, std::size_t time_index, const VectorXd& values) {
+  return std::make_shared<const likelihood::Datum>(
+      likelihood::Datum{{}, step, time_index, values, std::nullopt});
 }
 
 /// A model of two parameters on [0.5, 1.5]², and what is measured.
 struct Bench {
-  std::shared_ptr<const reduction::ObservedModel> model;
-  reduction::Sensors sensors;
-  NoiseModel noise = NoiseModel::independent(VectorXd::Constant(k_sensors, 0.1));
-  std::vector<Prior> priors;
+  std::shared_ptr<const model::ObservedModel> model;
+  model::Sensors sensors;
+  likelihood::NoiseModel noise = likelihood::NoiseModel::independent(VectorXd::Constant(k_sensors, 0.1));
+  std::vector<posterior::Prior> priors;
   Eigen::Vector2d truth{0.9, 1.2};
   MatrixXd data;
   std::vector<std::size_t> times;
 
   explicit Bench(unsigned seed = 1) {
-    auto made = std::make_shared<reduction::ObservedModel>(
-        *test::random_model(std::make_shared<test::CurvedFunctions>(), k_sensors, 4, k_times, 3));
+    auto made = std::make_shared<model::ObservedModel>(*likelihood::test::random_model(
+        std::make_shared<likelihood::test::CurvedFunctions>(), k_sensors, 4, k_times, 3));
     // Smooth in time, as a test is: a random walk of small steps.
     for (std::size_t t = 1; t < made->core.size(); ++t) {
       made->core[t] = made->core[t - 1] + 0.2 * made->core[t];
@@ -91,15 +94,17 @@ struct Bench {
       const std::array<double, 3> at = {0.1 * static_cast<double>(i / 2), 0, 0};
       sensors.add(at, static_cast<std::int64_t>(i % 2));
     }
-    priors = {Prior::normal(1, 0.3).truncated(0.5, 1.5, "a"), Prior::normal(1, 0.3).truncated(0.5, 1.5, "b")};
-    data = test::synthetic_data(*model, truth, noise.measurement().standard_deviations(), seed);
+    priors = {posterior::Prior::normal(1, 0.3).truncated(0.5, 1.5, "a"),
+              posterior::Prior::normal(1, 0.3).truncated(0.5, 1.5, "b")};
+    data = likelihood::test::synthetic_data(*model, truth, noise.measurement().standard_deviations(), seed);
     for (std::size_t t = 0; t < k_times; ++t) times.push_back(t);
   }
 
   /// The verdict after all data.
-  [[nodiscard]] Verdict verdict(RobustOptions robust = {}, reduction::ObservedErrors errors = {}) const {
+  [[nodiscard]] Verdict verdict(likelihood::RobustOptions robust = {},
+                                model::ObservedErrors errors = {}) const {
     SequentialUpdate update(model, noise, priors);
-    std::vector<DatumPointer> examined;
+    std::vector<likelihood::DatumPointer> examined;
     for (Index t = 0; t < data.cols(); ++t) {
       const auto step = static_cast<std::size_t>(t);
       update.update(step, times[step], data.col(t));
@@ -170,7 +175,7 @@ TEST(Verdict, NamesWhatIsWrongWithTheData) {
   bench.data = right;
   for (const double factor : {0.3, 3.0}) {
     bench.data = right;
-    bench.noise = NoiseModel::independent(VectorXd::Constant(k_sensors, 0.1 * factor));
+    bench.noise = likelihood::NoiseModel::independent(VectorXd::Constant(k_sensors, 0.1 * factor));
     EXPECT_EQ(bench.cause(), MisfitCause::noise_level) << factor;
   }
 }
@@ -203,11 +208,11 @@ TEST(ResidualTests, MissingValuesOfCorrelatedNoiseAreIntegratedOut) {
     precision(i, i) = 120;
     if (i > 0) precision(i, i - 1) = precision(i - 1, i) = 40;
   }
-  ResidualTests tests(bench.model, NoiseModel::correlated(precision.sparseView()), bench.sensors);
+  ResidualTests tests(bench.model, likelihood::NoiseModel::correlated(precision.sparseView()), bench.sensors);
   VectorXd some = bench.data.col(3), none = bench.data.col(4);
   some[5] = some[6] = some[20] = std::numeric_limits<double>::quiet_NaN();
   none.setConstant(std::numeric_limits<double>::quiet_NaN());
-  const std::vector<DatumPointer> data = {datum_of(3, 3, some), datum_of(4, 4, none)};
+  const std::vector<likelihood::DatumPointer> data = {datum_of(3, 3, some), datum_of(4, 4, none)};
   const double a = bench.truth[0], b = bench.truth[1];
   const Eigen::Vector3d w(a * b, a * a * std::sin(b), 1 / (a + b * b));
   const ResidualReport report = tests.examine(data, w, 1, 2);
@@ -229,7 +234,7 @@ TEST(Verdict, StudentTValuesAreCarriedToNormalOnes) {
     for (double& value : bench.data.col(t)) value += 0.1 * student(random);
   }
   EXPECT_TRUE(bench.cause());
-  RobustOptions robust;
+  likelihood::RobustOptions robust;
   robust.degrees_of_freedom = 4;
   for (const VerdictReason& reason : bench.verdict(robust).reasons) EXPECT_NE(reason.part, VerdictPart::fit);
 }
@@ -237,20 +242,20 @@ TEST(Verdict, StudentTValuesAreCarriedToNormalOnes) {
 /// A linear model with normal priors, where the shift of the mean is Σ Aᵀ R⁻¹ e.
 TEST(Verdict, ShiftByTheModelsErrorIsThatOfTheConjugateFormula) {
   const Index d = 3;
-  auto made = std::make_shared<reduction::ObservedModel>(
-      *test::random_model(std::make_shared<test::LinearFunctions>(d), k_sensors, 5, k_times, 7));
+  auto made = std::make_shared<model::ObservedModel>(*likelihood::test::random_model(
+      std::make_shared<likelihood::test::LinearFunctions>(d), k_sensors, 5, k_times, 7));
   made->parameters = {"a", "b", "c"};
-  const std::vector<Prior> priors(3, Prior::normal(1, 2));
+  const std::vector<posterior::Prior> priors(3, posterior::Prior::normal(1, 2));
   const VectorXd std = VectorXd::Constant(k_sensors, 5.0);
-  const NoiseModel noise = NoiseModel::independent(std);
-  const MatrixXd data = test::synthetic_data(*made, VectorXd::Ones(d), std, 2);
-  reduction::ObservedErrors errors;
+  const likelihood::NoiseModel noise = likelihood::NoiseModel::independent(std);
+  const MatrixXd data = likelihood::test::synthetic_data(*made, VectorXd::Ones(d), std, 2);
+  model::ObservedErrors errors;
   std::mt19937 random(3);
   std::normal_distribution<double> normal;
   errors.space = MatrixXd::NullaryExpr(k_sensors, 2, [&] { return normal(random); });
   MatrixXd precision = MatrixXd::Identity(d, d) / 4, moved = MatrixXd::Zero(d, 8);
   SequentialUpdate update(made, noise, priors);
-  std::vector<DatumPointer> examined;
+  std::vector<likelihood::DatumPointer> examined;
   for (Index t = 0; t < k_times; ++t) {
     const auto step = static_cast<std::size_t>(t);
     update.update(step, step, data.col(t));
@@ -271,7 +276,7 @@ TEST(Verdict, ShiftByTheModelsErrorIsThatOfTheConjugateFormula) {
   // By the 256 points that stand for the posterior.
   for (Index a = 0; a < d; ++a) EXPECT_NEAR(found[a], expected[a], 0.1 * expected.maxCoeff()) << a;
   // In another order of questions the same, to the bit.
-  const std::span<const DatumPointer> all(examined);
+  const std::span<const likelihood::DatumPointer> all(examined);
   (void)assessor.assess(posterior, all.first(5));
   assessor.forget_from(3);
   EXPECT_EQ(assessor.assess(posterior, all).model_shift_std, found);

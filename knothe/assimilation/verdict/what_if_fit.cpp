@@ -27,8 +27,8 @@ struct WhatIfFits::Point {
   std::vector<Eigen::MatrixXd> columns;  // of the prediction, in standard deviations: by p, factor, shift
 };
 
-WhatIfFits::WhatIfFits(const reduction::ObservedModel& model, const ResidualTests& tests,
-                       std::span<const DatumPointer> data, Eigen::MatrixXd starts)
+WhatIfFits::WhatIfFits(const model::ObservedModel& model, const ResidualTests& tests,
+                       std::span<const likelihood::DatumPointer> data, Eigen::MatrixXd starts)
     : model_(model),
       tests_(tests),
       values_(tests.noise().size(), std::ssize(data)),
@@ -67,7 +67,7 @@ Eigen::MatrixXd WhatIfFits::at_shifted(const Eigen::VectorXd& w, double shift, b
 }
 
 Eigen::MatrixXd WhatIfFits::predicted(const Eigen::VectorXd& p) const {
-  reduction::FunctionBatch batch;
+  model::FunctionBatch batch;
   batch.resize(1, p.size(), model_.functions->count(), 0);
   model_.functions->evaluate(p.transpose(), 0, batch);
   return at_shifted(batch.value.row(0).transpose(), 0, true, nullptr);
@@ -75,7 +75,7 @@ Eigen::MatrixXd WhatIfFits::predicted(const Eigen::VectorXd& p) const {
 
 void WhatIfFits::evaluate(const WhatIf& assumption, Point& point, bool derivatives) const {
   const Index d = point.p.size();
-  reduction::FunctionBatch batch;
+  model::FunctionBatch batch;
   batch.resize(1, d, model_.functions->count(), derivatives ? 1 : 0);
   model_.functions->evaluate(point.p.transpose(), derivatives ? 1 : 0, batch);
   Eigen::MatrixXd slope;

@@ -28,8 +28,8 @@ struct WhatIfAnswer {
 class WhatIfFits {
  public:
   /// `starts`: k × d points of the parameters to begin at. The data must outlive this.
-  WhatIfFits(const reduction::ObservedModel& model, const ResidualTests& tests,
-             std::span<const DatumPointer> data, Eigen::MatrixXd starts);
+  WhatIfFits(const model::ObservedModel& model, const ResidualTests& tests,
+             std::span<const likelihood::DatumPointer> data, Eigen::MatrixXd starts);
 
   [[nodiscard]] WhatIfAnswer fit(const WhatIf& assumption) const;
   /// y at p, n × m.
@@ -45,7 +45,7 @@ class WhatIfFits {
   void evaluate(const WhatIf& assumption, Point& point, bool derivatives) const;
   void set_best_factor(const WhatIf& assumption, Point& point) const;
 
-  const reduction::ObservedModel& model_;
+  const model::ObservedModel& model_;
   const ResidualTests& tests_;
   std::vector<std::size_t> time_indices_;
   Eigen::MatrixXd values_, starts_;

@@ -2,7 +2,7 @@
 
 #include <cstdlib>
 
-namespace knothe::testing {
+namespace knothe::test {
 
 /// A long test has two forms of one body: the short one in `make test`, and `<name>.slow`, which sets
 /// KNOTHE_SLOW (SLOW in cmake/KnotheRoom.cmake).
@@ -16,4 +16,4 @@ T by_form(T in_short, T in_long) {
   return long_form() ? in_long : in_short;
 }
 
-}  // namespace knothe::testing
+}  // namespace knothe::test

@@ -9,39 +9,39 @@
 namespace knothe::report {
 namespace {
 
-using Rgb = std::array<double, 3>;
+using Colour = std::array<double, 3>;
 
 constexpr int k_levels = 32;
 
 /// The published map at 17 even places; between them linear, which differs from the full table by less than
 /// 2/255.
-constexpr std::array<Rgb, 17> k_viridis = {{{68, 1, 84},
-                                            {72, 24, 106},
-                                            {71, 45, 123},
-                                            {66, 64, 134},
-                                            {59, 82, 139},
-                                            {51, 99, 141},
-                                            {44, 114, 142},
-                                            {38, 130, 142},
-                                            {33, 145, 140},
-                                            {31, 160, 136},
-                                            {40, 174, 128},
-                                            {63, 188, 115},
-                                            {94, 201, 98},
-                                            {132, 212, 75},
-                                            {173, 220, 48},
-                                            {216, 226, 25},
-                                            {253, 231, 37}}};
-constexpr std::array<Rgb, 7> k_diverging = {{{5, 72, 140},
-                                             {67, 147, 195},
-                                             {170, 209, 229},
-                                             {247, 247, 247},
-                                             {250, 190, 160},
-                                             {214, 96, 77},
-                                             {150, 10, 35}}};
+constexpr std::array<Colour, 17> k_viridis = {{{68, 1, 84},
+                                               {72, 24, 106},
+                                               {71, 45, 123},
+                                               {66, 64, 134},
+                                               {59, 82, 139},
+                                               {51, 99, 141},
+                                               {44, 114, 142},
+                                               {38, 130, 142},
+                                               {33, 145, 140},
+                                               {31, 160, 136},
+                                               {40, 174, 128},
+                                               {63, 188, 115},
+                                               {94, 201, 98},
+                                               {132, 212, 75},
+                                               {173, 220, 48},
+                                               {216, 226, 25},
+                                               {253, 231, 37}}};
+constexpr std::array<Colour, 7> k_diverging = {{{5, 72, 140},
+                                                {67, 147, 195},
+                                                {170, 209, 229},
+                                                {247, 247, 247},
+                                                {250, 190, 160},
+                                                {214, 96, 77},
+                                                {150, 10, 35}}};
 
 template <std::size_t n>
-std::string sample(const std::array<Rgb, n>& table, double fraction) {
+std::string sample(const std::array<Colour, n>& table, double fraction) {
   const double at = std::clamp(fraction, 0.0, 1.0) * (n - 1);
   const auto lower = std::min(static_cast<std::size_t>(at), n - 2);
   const double part = at - static_cast<double>(lower);

@@ -1,8 +1,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "knothe/record/number_text.hpp"
 #include "knothe/report/figures/result_figures.hpp"
-#include "knothe/report/figures/svg_text.hpp"
 
 namespace knothe::report {
 namespace {
@@ -14,12 +14,12 @@ std::vector<double> scaled(const std::vector<double>& values, double factor) {
 }
 
 /// The part of the axis where any density is worth seeing: above a thousandth of the lowest peak.
-void limit_to_mass(const Results& results, const std::string& name, double factor, PlotAxis& axis) {
+void limit_to_mass(const record::Results& results, const std::string& name, double factor, PlotAxis& axis) {
   double low = INFINITY, high = -INFINITY;
   for (const auto& s : results.steps) {
     const auto found = s.forecast.find(name);
     if (found == s.forecast.end() || found->second.density.empty()) continue;
-    const DensityCurve& density = found->second.density;
+    const record::DensityCurve& density = found->second.density;
     const double peak = *std::max_element(density.values.begin(), density.values.end());
     for (std::size_t i = 0; i < density.points.size(); ++i)
       if (density.values[i] > 2e-3 * peak)
@@ -36,9 +36,10 @@ std::string with_capital(std::string text) {
 
 }  // namespace
 
-ForecastScale forecast_scale(const Results& results, const std::string& name) {
+ForecastScale forecast_scale(const record::Results& results, const std::string& name) {
   const auto found = results.forecasts.find(name);
-  ForecastSummary summary = found == results.forecasts.end() ? ForecastSummary{} : found->second;
+  record::ForecastSummary summary =
+      found == results.forecasts.end() ? record::ForecastSummary{} : found->second;
   if (const auto last = results.steps.back().forecast.find(name);
       summary.unit.empty() && last != results.steps.back().forecast.end())
     summary.unit = last->second.units;
@@ -47,7 +48,7 @@ ForecastScale forecast_scale(const Results& results, const std::string& name) {
   scale.quantity = scale.crack ? "Equivalent elastic crack length" : with_capital(name);
   scale.title = scale.quantity;
   if (summary.horizon)
-    scale.title += " at time " + plain(*summary.horizon);
+    scale.title += " at time " + record::plain(*summary.horizon);
   else if (scale.crack && name != "crack")
     scale.title += " (" + name + ")";
   const UnitScale shown = unit_scale(scale.crack ? "m" : summary.unit);
@@ -55,12 +56,12 @@ ForecastScale forecast_scale(const Results& results, const std::string& name) {
   return scale;
 }
 
-Plot forecast_densities_plot(const Results& results, const std::string& name) {
+Plot forecast_densities_plot(const record::Results& results, const std::string& name) {
   const ForecastScale scale = forecast_scale(results, name);
   PlotAxis x{scale.label()};
   limit_to_mass(results, name, scale.factor, x);
   std::vector<double> peaks;
-  for (const Step& s : results.steps)
+  for (const record::Step& s : results.steps)
     if (const auto found = s.forecast.find(name); found != s.forecast.end() && !found->second.density.empty())
       peaks.push_back(std::ranges::max(found->second.density.values) / scale.factor);
   const PlotAxis y = density_axis(scale.unit.empty() ? "" : "1/" + scale.unit, peaks);
@@ -70,7 +71,7 @@ Plot forecast_densities_plot(const Results& results, const std::string& name) {
   for (std::size_t i = 0; i < results.steps.size(); ++i) {
     const auto found = results.steps[i].forecast.find(name);
     if (found == results.steps[i].forecast.end() || found->second.density.empty()) continue;
-    const DensityCurve& density = found->second.density;
+    const record::DensityCurve& density = found->second.density;
     const bool last = i + 1 == results.steps.size();
     plot.line(scaled(density.points, scale.factor),
               density_values(scaled(density.values, 1.0 / scale.factor), y),
@@ -83,13 +84,13 @@ Plot forecast_densities_plot(const Results& results, const std::string& name) {
   return plot;
 }
 
-Plot forecast_convergence_plot(const Results& results, const std::string& name) {
+Plot forecast_convergence_plot(const record::Results& results, const std::string& name) {
   const ForecastScale scale = forecast_scale(results, name);
   std::vector<double> x, mean, low, high, most, published_x, published_low, published_high;
   for (const auto& s : results.steps) {
     const auto found = s.forecast.find(name);
     if (found == s.forecast.end()) continue;
-    const StepForecast& f = found->second;
+    const record::StepForecast& f = found->second;
     x.push_back(static_cast<double>(s.step));
     mean.push_back(scale.factor * f.mean);
     most.push_back(scale.factor * f.maximum_a_posteriori);

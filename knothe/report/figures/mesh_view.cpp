@@ -24,7 +24,7 @@ double mix(const std::array<double, 4>& corner, double s, double t) {
 
 }  // namespace
 
-OuterFace outer_face(const reduction::Mesh& mesh) {
+OuterFace outer_face(const model::Mesh& mesh) {
   if (mesh.nodes_per_cell != 8)
     throw DataError(fmt::format("mesh/cells: {} nodes per cell; the picture of a mesh needs hexahedra of 8",
                                 mesh.nodes_per_cell));
@@ -63,7 +63,7 @@ OuterFace outer_face(const reduction::Mesh& mesh) {
   return face;
 }
 
-std::vector<std::ptrdiff_t> dofs_of_face(const OuterFace& face, const reduction::Dofs& dofs,
+std::vector<std::ptrdiff_t> dofs_of_face(const OuterFace& face, const model::Dofs& dofs,
                                          std::int64_t component) {
   double top = -INFINITY;
   for (std::size_t i = 0; i < dofs.components.size(); ++i) top = std::max(top, dofs.points[3 * i + 2]);

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "knothe/reduction/compress/snapshots.hpp"
+#include "knothe/model/compress/snapshots.hpp"
 #include "knothe/report/figures/svg_figure.hpp"
 
 namespace knothe::report {
@@ -18,11 +18,11 @@ struct OuterFace {
 };
 
 /// Errors: DataError unless the cells are hexahedra of 8 nodes whose indices exist.
-[[nodiscard]] OuterFace outer_face(const reduction::Mesh& mesh);
+[[nodiscard]] OuterFace outer_face(const model::Mesh& mesh);
 
 /// Index of the dof with component `component` (0 x, 1 y, 2 z) at each node of the face (matched within 1e-7
 /// m); -1 where the model has none.
-[[nodiscard]] std::vector<std::ptrdiff_t> dofs_of_face(const OuterFace& face, const reduction::Dofs& dofs,
+[[nodiscard]] std::vector<std::ptrdiff_t> dofs_of_face(const OuterFace& face, const model::Dofs& dofs,
                                                        std::int64_t component);
 
 /// The edges of the face that one cell alone has: its boundary, a notch and holes included. Two points each,

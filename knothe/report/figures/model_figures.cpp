@@ -5,11 +5,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "knothe/model/reduced/parameter_functions.hpp"
 #include "knothe/numerics/functions/cubic_spline.hpp"
-#include "knothe/reduction/model/parameter_functions.hpp"
+#include "knothe/record/number_text.hpp"
 #include "knothe/report/figures/mesh_view.hpp"
 #include "knothe/report/figures/result_figures.hpp"
-#include "knothe/report/figures/svg_text.hpp"
 
 namespace knothe::report {
 namespace {
@@ -22,7 +22,7 @@ struct FaceDofs {
   std::vector<std::ptrdiff_t> x, y;
 };
 
-FaceDofs face_of(const reduction::SeparatedModel& model) {
+FaceDofs face_of(const model::SeparatedModel& model) {
   const auto& contents = model.contents();
   FaceDofs result{outer_face(*contents.mesh), {}, {}};
   result.x = dofs_of_face(result.face, contents.dofs, 0);
@@ -52,7 +52,7 @@ Figure field_figure(const std::string& title, const FaceDofs& f, std::span<const
   return figure;
 }
 
-std::span<const double> space_mode(const reduction::ModelContents& contents, std::size_t k) {
+std::span<const double> space_mode(const model::ModelContents& contents, std::size_t k) {
   const std::size_t n = contents.dof_count();
   return std::span<const double>(contents.space).subspan(k * n, n);
 }
@@ -63,21 +63,20 @@ double largest_magnitude(std::span<const double> values) {
   return largest;
 }
 
-Eigen::VectorXd functions_at(const reduction::SeparatedModel& model, std::span<const double> p) {
+Eigen::VectorXd functions_at(const model::SeparatedModel& model, std::span<const double> p) {
   const auto& functions = *model.functions();
   Eigen::MatrixXd point(1, functions.dimension());
   for (Eigen::Index i = 0; i < point.cols(); ++i) point(0, i) = p[i];
-  reduction::FunctionBatch batch;
+  model::FunctionBatch batch;
   batch.resize(1, point.cols(), functions.count(), 0);
   functions.evaluate(point, 0, batch);
   return batch.value.row(0);
 }
 
 /// Amplitude of space mode k at time step t: Σ_j c_kj(t) w_j.
-double amplitude(const reduction::ModelContents& contents, std::size_t k, std::size_t t,
+double amplitude(const model::ModelContents& contents, std::size_t k, std::size_t t,
                  const Eigen::VectorXd& w) {
-  if (contents.form == reduction::Form::canonical)
-    return contents.temporal[k * contents.time.size() + t] * w[k];
+  if (contents.form == model::Form::canonical) return contents.temporal[k * contents.time.size() + t] * w[k];
   const std::size_t l = contents.space_modes, r = contents.parameter_modes;
   double sum = 0.0;
   for (std::size_t j = 0; j < r; ++j) sum += contents.temporal[(t * l + k) * r + j] * w[j];
@@ -94,12 +93,12 @@ Figure mode_figure(const std::string& title, const FaceDofs& face, std::span<con
 
 }  // namespace
 
-bool can_be_drawn(const reduction::SeparatedModel& model) {
+bool can_be_drawn(const model::SeparatedModel& model) {
   const auto& contents = model.contents();
   return contents.mesh && contents.mesh->nodes_per_cell == 8 && !contents.dofs.empty();
 }
 
-std::vector<Figure> space_mode_figures(const reduction::SeparatedModel& model, std::size_t count) {
+std::vector<Figure> space_mode_figures(const model::SeparatedModel& model, std::size_t count) {
   const auto& contents = model.contents();
   const FaceDofs face = face_of(model);
   std::vector<Figure> figures;
@@ -110,8 +109,7 @@ std::vector<Figure> space_mode_figures(const reduction::SeparatedModel& model, s
   return figures;
 }
 
-Plot time_functions_plot(const reduction::SeparatedModel& model, std::span<const double> p,
-                         std::size_t count) {
+Plot time_functions_plot(const model::SeparatedModel& model, std::span<const double> p, std::size_t count) {
   const auto& contents = model.contents();
   const Eigen::VectorXd w = functions_at(model, p);
   const bool is_displacement = contents.quantities.empty() && contents.field.units == "m";
@@ -126,8 +124,8 @@ Plot time_functions_plot(const reduction::SeparatedModel& model, std::span<const
   return plot;
 }
 
-Plot parameter_functions_plot(const reduction::SeparatedModel& model, std::size_t axis,
-                              std::span<const double> p, std::size_t count) {
+Plot parameter_functions_plot(const model::SeparatedModel& model, std::size_t axis, std::span<const double> p,
+                              std::size_t count) {
   const auto& contents = model.contents();
   const auto& nodes = contents.axes[axis].nodes;
   const std::string name = pretty_name(contents.axes[axis].name);
@@ -138,7 +136,7 @@ Plot parameter_functions_plot(const reduction::SeparatedModel& model, std::size_
                     ? nodes.back()
                     : nodes.front() + (nodes.back() - nodes.front()) * i / (k_line_points - 1.0));
   const std::size_t shown = std::min(count, contents.parameter_modes);
-  if (contents.form == reduction::Form::canonical) {
+  if (contents.form == model::Form::canonical) {
     for (std::size_t k = 0; k < shown; ++k) {
       const numerics::CubicSpline spline(
           nodes, std::span<const double>(contents.parameters[axis]).subspan(k * nodes.size(), nodes.size()));
@@ -152,7 +150,7 @@ Plot parameter_functions_plot(const reduction::SeparatedModel& model, std::size_
   Eigen::MatrixXd points(k_line_points, functions.dimension());
   for (Eigen::Index i = 0; i < points.cols(); ++i) points.col(i).setConstant(p[i]);
   points.col(axis) = Eigen::Map<const Eigen::VectorXd>(x.data(), k_line_points);
-  reduction::FunctionBatch batch;
+  model::FunctionBatch batch;
   batch.resize(points.rows(), points.cols(), functions.count(), 0);
   functions.evaluate(points, 0, batch);
   for (std::size_t k = 0; k < shown; ++k) {
@@ -163,13 +161,12 @@ Plot parameter_functions_plot(const reduction::SeparatedModel& model, std::size_
   return plot;
 }
 
-Figure displacement_figure(const reduction::SeparatedModel& model, std::span<const double> p,
-                           std::size_t step) {
+Figure displacement_figure(const model::SeparatedModel& model, std::span<const double> p, std::size_t step) {
   const auto field = model.evaluate(p, step);
   return field_figure("Displacement, exaggerated", face_of(model), field.value, 1e6, "horizontal, µm");
 }
 
-std::vector<Figure> crack_figures(const reduction::SeparatedModel& model, std::span<const double> lengths) {
+std::vector<Figure> crack_figures(const model::SeparatedModel& model, std::span<const double> lengths) {
   const auto& crack = model.contents().crack;
   std::vector<Figure> figures;
   if (crack.empty()) return figures;
@@ -184,8 +181,8 @@ std::vector<Figure> crack_figures(const reduction::SeparatedModel& model, std::s
       for (std::size_t j = 0; j < n; ++j)
         field[j] += crack.coefficients[best * modes + k] * crack.modes[k * n + j];
     figures.push_back(
-        field_figure(fmt::format("Elastic beam, crack of {} mm", plain(1e3 * crack.length[best])), face,
-                     field, 1.0, "horizontal, m per m"));
+        field_figure(fmt::format("Elastic beam, crack of {} mm", record::plain(1e3 * crack.length[best])),
+                     face, field, 1.0, "horizontal, m per m"));
   }
   return figures;
 }

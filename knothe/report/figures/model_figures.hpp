@@ -4,36 +4,36 @@
 #include <span>
 #include <vector>
 
-#include "knothe/reduction/model/separated_model.hpp"
+#include "knothe/model/reduced/separated_model.hpp"
 #include "knothe/report/figures/svg_figure.hpp"
 
 namespace knothe::report {
 
 /// Whether the model has a mesh of hexahedra and dofs to draw on it.
-[[nodiscard]] bool can_be_drawn(const reduction::SeparatedModel& model);
+[[nodiscard]] bool can_be_drawn(const model::SeparatedModel& model);
 
 /// The first `count` space modes on the outer face, x component scaled to a largest value of 1, deformed
 /// shape exaggerated. Needs `can_be_drawn`.
-[[nodiscard]] std::vector<Figure> space_mode_figures(const reduction::SeparatedModel& model,
+[[nodiscard]] std::vector<Figure> space_mode_figures(const model::SeparatedModel& model,
                                                      std::size_t count = 6);
 
 /// How far (µm) each of the first `count` space modes moves the dof that it moves most, over time, at
 /// parameters `p` (d, inside the box).
-[[nodiscard]] Plot time_functions_plot(const reduction::SeparatedModel& model, std::span<const double> p,
+[[nodiscard]] Plot time_functions_plot(const model::SeparatedModel& model, std::span<const double> p,
                                        std::size_t count = 6);
 
 /// The first `count` parameter functions along parameter `axis`; in the tree form along the line through `p`.
-[[nodiscard]] Plot parameter_functions_plot(const reduction::SeparatedModel& model, std::size_t axis,
+[[nodiscard]] Plot parameter_functions_plot(const model::SeparatedModel& model, std::size_t axis,
                                             std::span<const double> p, std::size_t count = 6);
 
 /// Horizontal displacement (µm) on the deformed outer face at parameters `p` and time step `step`. Needs
 /// `can_be_drawn`.
-[[nodiscard]] Figure displacement_figure(const reduction::SeparatedModel& model, std::span<const double> p,
+[[nodiscard]] Figure displacement_figure(const model::SeparatedModel& model, std::span<const double> p,
                                          std::size_t step);
 
 /// Horizontal displacement of the elastic solutions nearest to the given crack lengths (m); empty without
 /// crack solutions.
-[[nodiscard]] std::vector<Figure> crack_figures(const reduction::SeparatedModel& model,
+[[nodiscard]] std::vector<Figure> crack_figures(const model::SeparatedModel& model,
                                                 std::span<const double> lengths);
 
 }  // namespace knothe::report

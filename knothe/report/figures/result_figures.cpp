@@ -7,24 +7,24 @@
 #include <cctype>
 #include <cmath>
 
-#include "knothe/report/figures/svg_text.hpp"
+#include "knothe/record/number_text.hpp"
 
 namespace knothe::report {
 namespace {
 
-double fraction(const Results& results, std::size_t i) {
+double fraction(const record::Results& results, std::size_t i) {
   const double first = static_cast<double>(results.steps.front().step),
                last = static_cast<double>(results.steps.back().step);
   return last > first ? (static_cast<double>(results.steps[i].step) - first) / (last - first) : 1.0;
 }
 
-ColourBar step_bar(const Results& results) {
+ColourBar step_bar(const record::Results& results) {
   return {"step", static_cast<double>(results.steps.front().step),
           static_cast<double>(results.steps.back().step), ColourBar::Map::time};
 }
 
 /// log det of a covariance; of its diagonal where it is not positive definite.
-double log_determinant(const Step& s) {
+double log_determinant(const record::Step& s) {
   const Eigen::LLT<Eigen::MatrixXd> factor(s.covariance);
   double sum = 0.0;
   for (Eigen::Index i = 0; i < s.mean.size(); ++i) {
@@ -36,7 +36,7 @@ double log_determinant(const Step& s) {
 }
 
 /// Index on the load–displacement curve of step i: by time if the curve says its times, else by number.
-std::size_t place_on_curve(const Results& results, std::size_t i) {
+std::size_t place_on_curve(const record::Results& results, std::size_t i) {
   const auto& time = results.curve_time;
   if (time.empty()) return results.displacement.size() == results.steps.size() ? i : results.steps[i].step;
   const auto after = std::lower_bound(time.begin(), time.end(), results.steps[i].time);
@@ -47,7 +47,7 @@ std::size_t place_on_curve(const Results& results, std::size_t i) {
 }
 
 /// Adds the steps that are not trusted, at their ordinate.
-void mark_untrusted(Plot& plot, const Results& results, const std::vector<double>& y) {
+void mark_untrusted(Plot& plot, const record::Results& results, const std::vector<double>& y) {
   std::vector<double> x, at;
   for (std::size_t i = 0; i < results.steps.size(); ++i)
     if (!results.steps[i].trusted)
@@ -75,11 +75,11 @@ std::string pretty_units(const std::string& units) {
   return text == "1" ? "" : text;
 }
 
-std::string axis_label(const ParameterSummary& parameter) {
+std::string axis_label(const record::ParameterSummary& parameter) {
   const std::string units = pretty_units(parameter.units);
   std::string meaning = units;
   if (parameter.reference && *parameter.reference != 1)
-    meaning = fmt::format("1 = {}{}{}", plain(*parameter.reference), units.empty() ? "" : " ", units);
+    meaning = fmt::format("1 = {}{}{}", record::plain(*parameter.reference), units.empty() ? "" : " ", units);
   return pretty_name(parameter.name) + (meaning.empty() ? "" : fmt::format(" ({})", meaning));
 }
 
@@ -89,7 +89,7 @@ UnitScale unit_scale(const std::string& units) {
   return {pretty_units(units)};
 }
 
-std::vector<std::size_t> learning_steps(const Results& results, std::size_t d, std::size_t count) {
+std::vector<std::size_t> learning_steps(const record::Results& results, std::size_t d, std::size_t count) {
   std::vector<std::size_t> order;
   std::vector<double> fall(results.steps.size(), 0.0);
   for (std::size_t i = 1; i < results.steps.size(); ++i) {
@@ -123,13 +123,13 @@ std::vector<double> density_values(const std::vector<double>& values, const Plot
   return shown;
 }
 
-Plot marginals_plot(const Results& results, std::size_t d) {
-  const ParameterSummary& parameter = results.parameters[d];
+Plot marginals_plot(const record::Results& results, std::size_t d) {
+  const record::ParameterSummary& parameter = results.parameters[d];
   PlotAxis x{axis_label(parameter)};
   x.low = parameter.lower;
   x.high = parameter.upper;
   std::vector<double> peaks;
-  for (const Step& s : results.steps)
+  for (const record::Step& s : results.steps)
     if (const auto found = s.marginals.find(parameter.name);
         found != s.marginals.end() && !found->second.empty())
       peaks.push_back(std::ranges::max(found->second.values));
@@ -150,8 +150,8 @@ Plot marginals_plot(const Results& results, std::size_t d) {
   return plot;
 }
 
-Plot pair_plot(const Results& results, std::size_t row, std::size_t column) {
-  const ParameterSummary &x = results.parameters[column], &y = results.parameters[row];
+Plot pair_plot(const record::Results& results, std::size_t row, std::size_t column) {
+  const record::ParameterSummary &x = results.parameters[column], &y = results.parameters[row];
   Plot plot(pretty_name(y.name) + " against " + pretty_name(x.name) + ", last step", {axis_label(x)},
             {axis_label(y)});
   plot.scatter(results.draws[column], results.draws[row], Paint::series(0), "draws of the posterior", 1.8);
@@ -161,28 +161,28 @@ Plot pair_plot(const Results& results, std::size_t row, std::size_t column) {
   return plot;
 }
 
-Plot convergence_plot(const Results& results, std::size_t d) {
-  const ParameterSummary& parameter = results.parameters[d];
+Plot convergence_plot(const record::Results& results, std::size_t d) {
+  const record::ParameterSummary& parameter = results.parameters[d];
   Plot plot(pretty_name(parameter.name) + " as the data come in", {"step"}, {axis_label(parameter)});
   const auto x = results.step_numbers();
   const auto level = [&](double wanted, double sigmas) {
-    return over_steps(results, [&](const Step& s) {
+    return record::over_steps(results, [&](const record::Step& s) {
       for (std::size_t k = 0; k < s.levels.size(); ++k)
         if (std::abs(s.levels[k] - wanted) < 1e-9) return s.quantiles(d, k);
       return s.mean[d] + sigmas * s.standard_deviations()[d];
     });
   };
   plot.band(x, level(0.025, -1.96), level(0.975, 1.96), Paint::series(0), "95 % of the probability");
-  plot.line(x, over_steps(results, [&](const Step& s) { return s.mean[d]; }), Paint::series(0), "mean",
-            {2.2});
+  plot.line(x, record::over_steps(results, [&](const record::Step& s) { return s.mean[d]; }),
+            Paint::series(0), "mean", {2.2});
   if (parameter.truth) plot.horizontal(*parameter.truth, Paint::truth(), "true value");
   return plot;
 }
 
-Plot cost_plot(const Results& results) {
+Plot cost_plot(const record::Results& results) {
   const auto x = results.step_numbers();
   PlotAxis cost{"time of an update (µs)"};
-  const auto update = over_steps(results, [](const Step& s) { return s.update_us; });
+  const auto update = record::over_steps(results, [](const record::Step& s) { return s.update_us; });
   const double low = *std::min_element(update.begin(), update.end());
   cost.logarithmic = low > 0.0 && *std::max_element(update.begin(), update.end()) > 8.0 * low;
   if (!results.has_maps()) {
@@ -192,13 +192,14 @@ Plot cost_plot(const Results& results) {
   }
   Plot plot("Order of the map and time per step", {"step"}, {"order of the map", 0.0});
   plot.right_axis(cost);
-  plot.bars(x, over_steps(results, [](const Step& s) { return static_cast<double>(s.map_order); }), 0.8,
-            Paint::series(5), "order of the map");
+  plot.bars(
+      x, record::over_steps(results, [](const record::Step& s) { return static_cast<double>(s.map_order); }),
+      0.8, Paint::series(5), "order of the map");
   plot.line(x, update, Paint::series(1), "time of an update", {1.8}, Side::right);
   return plot;
 }
 
-Plot load_plot(const Results& results) {
+Plot load_plot(const record::Results& results) {
   std::vector<double> displacement, force;
   for (double u : results.displacement) displacement.push_back(1e3 * u);
   for (double f : results.force) force.push_back(1e-3 * f);
@@ -218,7 +219,7 @@ Plot load_plot(const Results& results) {
   return plot;
 }
 
-Plot information_plot(const Results& results) {
+Plot information_plot(const record::Results& results) {
   std::vector<double> x, gain;
   for (std::size_t i = 1; i < results.steps.size(); ++i) {
     x.push_back(static_cast<double>(results.steps[i].step));
@@ -229,10 +230,11 @@ Plot information_plot(const Results& results) {
   return plot;
 }
 
-Plot variance_diagnostic_plot(const Results& results) {
+Plot variance_diagnostic_plot(const record::Results& results) {
   const auto x = results.step_numbers();
   // Below a millionth the map is exact for every purpose; a logarithmic axis must end somewhere.
-  const auto y = over_steps(results, [](const Step& s) { return std::max(s.variance_diagnostic, 1e-6); });
+  const auto y = record::over_steps(
+      results, [](const record::Step& s) { return std::max(s.variance_diagnostic, 1e-6); });
   PlotAxis axis{"variance diagnostic (Eq. 9), at least 10⁻⁶"};
   axis.logarithmic = true;
   Plot plot("Accuracy of the map", {"step"}, axis);
@@ -242,8 +244,9 @@ Plot variance_diagnostic_plot(const Results& results) {
   return plot;
 }
 
-Plot sample_size_plot(const Results& results) {
-  const auto y = over_steps(results, [](const Step& s) { return 100.0 * s.effective_sample_size; });
+Plot sample_size_plot(const record::Results& results) {
+  const auto y =
+      record::over_steps(results, [](const record::Step& s) { return 100.0 * s.effective_sample_size; });
   Plot plot("Effective sample size", {"step"}, {"of the samples (%)", std::nullopt, 102.0});
   plot.line(results.step_numbers(), y, Paint::series(2), "after importance correction");
   plot.horizontal(90.0, Paint::faint(), "limit for “trusted”");

@@ -7,7 +7,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
-#include "knothe/report/figures/svg_text.hpp"
+#include "knothe/record/number_text.hpp"
 
 namespace knothe::report {
 namespace {
@@ -34,7 +34,8 @@ std::string document(const Figure& figure, bool standalone) {
   const double height = rows * figure.plot_height + std::max(rows - 1, 0) * gap + 2 * margin;
   std::string svg = fmt::format(
       R"(<svg xmlns="http://www.w3.org/2000/svg" class="figure" role="img" viewBox="0 0 {0} {1}" width="{0}" height="{1}" style="max-width:{4}px" font-family="{2}" font-size="12" aria-label="{3}">)",
-      coordinate(width), coordinate(height), k_font, escape_xml(figure.title), coordinate(1.2 * width));
+      record::coordinate(width), record::coordinate(height), k_font, escape_xml(figure.title),
+      record::coordinate(1.2 * width));
   svg += "<title>" + escape_xml(figure.title) + "</title>";
   if (standalone) svg += R"(<rect width="100%" height="100%" fill="#ffffff"/>)";
   for (int i = 0; i < count; ++i)

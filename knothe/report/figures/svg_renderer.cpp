@@ -7,8 +7,8 @@
 #include <map>
 
 #include "knothe/base/text.hpp"
+#include "knothe/record/number_text.hpp"
 #include "knothe/report/figures/svg_figure.hpp"
-#include "knothe/report/figures/svg_text.hpp"
 
 namespace knothe::report {
 namespace {
@@ -29,13 +29,13 @@ double text_width(const std::string& text) {
 
 std::string text_at(double x, double y, const std::string& text, const char* anchor, const char* look,
                     const char* more = "") {
-  return fmt::format(R"(<text x="{}" y="{}" text-anchor="{}" {} {}>{}</text>)", coordinate(x), coordinate(y),
-                     anchor, look, more, escape_xml(text));
+  return fmt::format(R"(<text x="{}" y="{}" text-anchor="{}" {} {}>{}</text>)", record::coordinate(x),
+                     record::coordinate(y), anchor, look, more, escape_xml(text));
 }
 
 std::string line_at(double x1, double y1, double x2, double y2, const char* look) {
-  return fmt::format(R"(<line x1="{}" y1="{}" x2="{}" y2="{}" {}/>)", coordinate(x1), coordinate(y1),
-                     coordinate(x2), coordinate(y2), look);
+  return fmt::format(R"(<line x1="{}" y1="{}" x2="{}" y2="{}" {}/>)", record::coordinate(x1),
+                     record::coordinate(y1), record::coordinate(x2), record::coordinate(y2), look);
 }
 
 std::string painted(const Paint& paint) {
@@ -62,8 +62,8 @@ struct Scale {
   [[nodiscard]] double operator()(double value) const {
     return from + std::clamp(fraction(value), -20.0, 21.0) * (to - from);
   }
-  [[nodiscard]] Ticks ticks(int wanted) const {
-    return logarithmic ? decade_ticks(low, high, wanted) : nice_ticks(low, high, wanted);
+  [[nodiscard]] record::Ticks ticks(int wanted) const {
+    return logarithmic ? record::decade_ticks(low, high, wanted) : record::nice_ticks(low, high, wanted);
   }
 };
 
@@ -84,9 +84,10 @@ class PlotRenderer {
     svg += legend();
     if (!plot_.map_) svg += axes();
     // A nested viewport clips what lies outside the axes.
-    svg += fmt::format(R"(<svg x="{0}" y="{1}" width="{2}" height="{3}" viewBox="{0} {1} {2} {3}">)",
-                       coordinate(box_left_), coordinate(box_top_), coordinate(box_right_ - box_left_),
-                       coordinate(box_bottom_ - box_top_));
+    svg +=
+        fmt::format(R"(<svg x="{0}" y="{1}" width="{2}" height="{3}" viewBox="{0} {1} {2} {3}">)",
+                    record::coordinate(box_left_), record::coordinate(box_top_),
+                    record::coordinate(box_right_ - box_left_), record::coordinate(box_bottom_ - box_top_));
     svg += cells();
     for (const auto& series : plot_.series_) svg += draw(series);
     svg += "</svg>";
@@ -171,7 +172,7 @@ class PlotRenderer {
     }
     if (plot_.bar_) {
       double labels = 0.0;
-      for (const auto& label : nice_ticks(plot_.bar_->low, plot_.bar_->high, 5).labels)
+      for (const auto& label : record::nice_ticks(plot_.bar_->low, plot_.bar_->high, 5).labels)
         labels = std::max(labels, text_width(label));
       right += labels + 26.0;
     }
@@ -235,13 +236,16 @@ class PlotRenderer {
       if (s.kind == Kind::band || s.kind == Kind::bars) {
         svg += fmt::format(
             R"(<rect {} x="{}" y="{}" width="20" height="10" fill="currentColor" fill-opacity="{}"/>)",
-            painted(s.paint), coordinate(entry.x), coordinate(y - 5), coordinate(s.stroke.opacity));
+            painted(s.paint), record::coordinate(entry.x), record::coordinate(y - 5),
+            record::coordinate(s.stroke.opacity));
       } else if (s.kind == Kind::scatter) {
         svg += fmt::format(R"(<circle {} cx="{}" cy="{}" r="{}" fill="currentColor"/>)", painted(s.paint),
-                           coordinate(entry.x + 10), coordinate(y), coordinate(std::min(s.size, 5.0)));
+                           record::coordinate(entry.x + 10), record::coordinate(y),
+                           record::coordinate(std::min(s.size, 5.0)));
       } else {
-        svg += fmt::format(R"(<path {} d="M{} {}h20" fill="none" stroke="currentColor" {}/>)",
-                           painted(s.paint), coordinate(entry.x), coordinate(y), stroke_of(s.stroke));
+        svg +=
+            fmt::format(R"(<path {} d="M{} {}h20" fill="none" stroke="currentColor" {}/>)", painted(s.paint),
+                        record::coordinate(entry.x), record::coordinate(y), stroke_of(s.stroke));
       }
       svg += text_at(entry.x + 26, y + 4, s.label, "start", k_text);
     }
@@ -257,7 +261,8 @@ class PlotRenderer {
       svg += line_at(box_left_, y, box_right_, y, grid);
       svg += text_at(box_left_ - 6, y + 4, y_ticks_.labels[i], "end", k_subdued);
     }
-    const Ticks x_ticks = x_.ticks(std::clamp(static_cast<int>((box_right_ - box_left_) / 70.0), 3, 9));
+    const record::Ticks x_ticks =
+        x_.ticks(std::clamp(static_cast<int>((box_right_ - box_left_) / 70.0), 3, 9));
     for (std::size_t i = 0; i < x_ticks.values.size(); ++i) {
       const double x = x_(x_ticks.values[i]);
       svg += line_at(x, box_bottom_, x, box_bottom_ + 4, axis);
@@ -285,13 +290,13 @@ class PlotRenderer {
     for (int i = 0; i < levels; ++i) {
       const double fraction = i / (levels - 1.0);
       const double y = box_bottom_ - (i + 1) * cell;
-      const std::string place = fmt::format(R"(x="{}" y="{}" width="10" height="{}")", coordinate(x),
-                                            coordinate(y), coordinate(cell + 0.3));
+      const std::string place = fmt::format(R"(x="{}" y="{}" width="10" height="{}")", record::coordinate(x),
+                                            record::coordinate(y), record::coordinate(cell + 0.3));
       svg += bar.map == ColourBar::Map::time
                  ? fmt::format(R"(<rect {} {} fill="currentColor"/>)", painted(Paint::time(fraction)), place)
                  : fmt::format(R"(<rect {} fill="{}"/>)", place, bar_colour(bar.map, fraction));
     }
-    const Ticks ticks = nice_ticks(bar.low, bar.high, 5);
+    const record::Ticks ticks = record::nice_ticks(bar.low, bar.high, 5);
     for (std::size_t i = 0; i < ticks.values.size(); ++i) {
       const double fraction = bar.high > bar.low ? (ticks.values[i] - bar.low) / (bar.high - bar.low) : 0.5;
       svg += text_at(x + 14, box_bottom_ - fraction * height + 4, ticks.labels[i], "start", k_subdued);
@@ -305,8 +310,8 @@ class PlotRenderer {
     for (const auto& cell : plot_.cells_) {
       std::string& path = paths[cell.colour];
       for (std::size_t i = 0; i < cell.corners.size(); ++i)
-        path += fmt::format("{}{} {}", i == 0 ? "M" : "L", coordinate(x_(cell.corners[i][0])),
-                            coordinate(y_(cell.corners[i][1])));
+        path += fmt::format("{}{} {}", i == 0 ? "M" : "L", record::coordinate(x_(cell.corners[i][0])),
+                            record::coordinate(y_(cell.corners[i][1])));
       path += "z";
     }
     std::string svg;
@@ -316,9 +321,11 @@ class PlotRenderer {
   }
 
   static std::string stroke_of(const Stroke& stroke) {
-    std::string out = fmt::format(R"(stroke-width="{}" stroke-linejoin="round")", coordinate(stroke.width));
+    std::string out =
+        fmt::format(R"(stroke-width="{}" stroke-linejoin="round")", record::coordinate(stroke.width));
     if (!stroke.dash.empty()) out += fmt::format(R"( stroke-dasharray="{}")", escape_xml(stroke.dash));
-    if (stroke.opacity < 1.0) out += fmt::format(R"( stroke-opacity="{}")", coordinate(stroke.opacity));
+    if (stroke.opacity < 1.0)
+      out += fmt::format(R"( stroke-opacity="{}")", record::coordinate(stroke.opacity));
     return out;
   }
 
@@ -327,8 +334,8 @@ class PlotRenderer {
     std::string path;
     for (std::size_t n = 0; n < x.size(); ++n) {
       const std::size_t i = backwards ? x.size() - 1 - n : n;
-      path +=
-          fmt::format("{}{} {}", begin && n == 0 ? "M" : "L", coordinate(x_(x[i])), coordinate(scale(y[i])));
+      path += fmt::format("{}{} {}", begin && n == 0 ? "M" : "L", record::coordinate(x_(x[i])),
+                          record::coordinate(scale(y[i])));
     }
     return path;
   }
@@ -345,30 +352,33 @@ class PlotRenderer {
         if (s.x.empty()) return svg;
         return fmt::format(R"(<path {} d="{}{}z" fill="currentColor" fill-opacity="{}"/>)", painted(s.paint),
                            path_through(s.x, s.y, scale, false, true),
-                           path_through(s.x, s.lower, scale, true, false), coordinate(s.stroke.opacity));
+                           path_through(s.x, s.lower, scale, true, false),
+                           record::coordinate(s.stroke.opacity));
       case Kind::bars:
         for (std::size_t i = 0; i < s.x.size(); ++i) {
           const double a = x_(s.x[i] - 0.5 * s.size), b = x_(s.x[i] + 0.5 * s.size);
           const double y0 = scale(std::max(0.0, scale.low)), y1 = scale(s.y[i]);
           svg += fmt::format(
               R"(<rect {} x="{}" y="{}" width="{}" height="{}" fill="currentColor" fill-opacity="{}"/>)",
-              painted(s.paint), coordinate(a), coordinate(std::min(y0, y1)), coordinate(b - a),
-              coordinate(std::abs(y1 - y0)), coordinate(s.stroke.opacity));
+              painted(s.paint), record::coordinate(a), record::coordinate(std::min(y0, y1)),
+              record::coordinate(b - a), record::coordinate(std::abs(y1 - y0)),
+              record::coordinate(s.stroke.opacity));
         }
         return svg;
       case Kind::scatter:
         for (std::size_t i = 0; i < s.x.size(); ++i)
           svg += fmt::format(R"(<circle {} cx="{}" cy="{}" r="{}" fill="currentColor"/>)", painted(s.paint),
-                             coordinate(x_(s.x[i])), coordinate(scale(s.y[i])), coordinate(s.size));
+                             record::coordinate(x_(s.x[i])), record::coordinate(scale(s.y[i])),
+                             record::coordinate(s.size));
         return svg;
       case Kind::vertical:
         return fmt::format(R"(<path {} d="M{} {}V{}" fill="none" stroke="currentColor" {}/>)",
-                           painted(s.paint), coordinate(x_(s.x[0])), coordinate(box_bottom_),
-                           coordinate(box_top_), stroke_of(s.stroke));
+                           painted(s.paint), record::coordinate(x_(s.x[0])), record::coordinate(box_bottom_),
+                           record::coordinate(box_top_), stroke_of(s.stroke));
       case Kind::horizontal:
         return fmt::format(R"(<path {} d="M{} {}H{}" fill="none" stroke="currentColor" {}/>)",
-                           painted(s.paint), coordinate(box_left_), coordinate(scale(s.y[0])),
-                           coordinate(box_right_), stroke_of(s.stroke));
+                           painted(s.paint), record::coordinate(box_left_), record::coordinate(scale(s.y[0])),
+                           record::coordinate(box_right_), stroke_of(s.stroke));
     }
     return svg;
   }
@@ -380,7 +390,7 @@ class PlotRenderer {
   std::vector<LegendEntry> entries_;
   double box_left_ = 0.0, box_right_ = 1.0, box_top_ = 0.0, box_bottom_ = 1.0;
   Scale x_, y_, right_;
-  Ticks y_ticks_, right_ticks_;
+  record::Ticks y_ticks_, right_ticks_;
 };
 
 std::string Plot::render(double left, double top, double width, double height) const {

@@ -7,16 +7,16 @@
 #include <cmath>
 #include <set>
 
+#include "knothe/record/number_text.hpp"
 #include "knothe/report/figures/mesh_view.hpp"
 #include "knothe/report/figures/model_figures.hpp"
 #include "knothe/report/figures/result_figures.hpp"
-#include "knothe/report/figures/svg_text.hpp"
 
 namespace knothe::report {
 namespace {
 
 /// A step at which the alarm goes off: at the one before it was silent.
-std::vector<std::size_t> alarms(const Results& results) {
+std::vector<std::size_t> alarms(const record::Results& results) {
   std::vector<std::size_t> at;
   for (std::size_t i = 0; i < results.steps.size(); ++i) {
     if (results.steps[i].monitor.alarm && (i == 0 || !results.steps[i - 1].monitor.alarm)) at.push_back(i);
@@ -24,7 +24,7 @@ std::vector<std::size_t> alarms(const Results& results) {
   return at;
 }
 
-void mark_alarms(Plot& plot, const Results& results, const std::vector<double>& y) {
+void mark_alarms(Plot& plot, const record::Results& results, const std::vector<double>& y) {
   std::vector<double> x, at;
   for (const std::size_t i : alarms(results)) {
     x.push_back(static_cast<double>(results.steps[i].step));
@@ -33,7 +33,7 @@ void mark_alarms(Plot& plot, const Results& results, const std::vector<double>& 
   if (!x.empty()) plot.scatter(x, at, Paint::truth(), "alarm", 4.5);
 }
 
-std::string verdict(const Results& results) {
+std::string verdict(const record::Results& results) {
   const auto rang = alarms(results);
   if (!rang.empty()) {
     std::string steps;
@@ -46,7 +46,7 @@ std::string verdict(const Results& results) {
         steps);
   }
   double nearest = 0;
-  for (const Step& s : results.steps)
+  for (const record::Step& s : results.steps)
     if (s.monitor.threshold > 0) nearest = std::max(nearest, s.monitor.cumulative_sum / s.monitor.threshold);
   return fmt::format(
       "The alarm was not raised: each datum was compared with its prediction from the posterior before it, "
@@ -60,20 +60,20 @@ PlotAxis axis_around(const std::string& label, const std::vector<double>& sensor
 }
 
 /// Largest extent of the sensors along x and y, mm.
-double extent_of_sensors(const Residuals& r) {
+double extent_of_sensors(const record::Residuals& r) {
   return 1e3 * std::max({std::ranges::max(r.x) - std::ranges::min(r.x),
                          std::ranges::max(r.y) - std::ranges::min(r.y), 1e-9});
 }
 
 /// A height at which a map of 460 px is filled by its sensors.
-double map_height(const Residuals& r) {
+double map_height(const record::Residuals& r) {
   const double high = 1e3 * (std::ranges::max(r.y) - std::ranges::min(r.y)) / extent_of_sensors(r);
   return std::clamp(90.0 + 330.0 * (high + 0.2), 190.0, 420.0);
 }
 
 constexpr std::size_t k_shown_series = 8;
 
-std::vector<Figure> series_figures(const Results& results) {
+std::vector<Figure> series_figures(const record::Results& results) {
   std::vector<Figure> figures;
   for (const auto& [name, fit] : results.residuals.series) {
     if (figures.size() == k_shown_series) break;
@@ -84,7 +84,7 @@ std::vector<Figure> series_figures(const Results& results) {
   return figures;
 }
 
-std::vector<Figure> residual_figures(const Results& results, const reduction::SeparatedModel* model) {
+std::vector<Figure> residual_figures(const record::Results& results, const model::SeparatedModel* model) {
   if (results.residuals.step.empty()) return {};
   std::vector<Figure> figures = {
       figure_of(residual_plot(results), "Residuals at the sensors over the steps")};
@@ -98,7 +98,7 @@ std::vector<Figure> residual_figures(const Results& results, const reduction::Se
   return figures;
 }
 
-void add_residuals(Page& page, const Results& results, const reduction::SeparatedModel* model) {
+void add_residuals(Page& page, const record::Results& results, const model::SeparatedModel* model) {
   if (const auto figures = residual_figures(results, model); !figures.empty())
     page.figures(figures,
                  "Residuals: measured values minus the posterior mean prediction at the same step. If only "
@@ -114,20 +114,22 @@ void add_residuals(Page& page, const Results& results, const reduction::Separate
 
 }  // namespace
 
-Plot evidence_plot(const Results& results) {
+Plot evidence_plot(const record::Results& results) {
   Plot plot("Evidence of each step", {"step"}, {"log-evidence increment"});
-  const auto increment = over_steps(results, [](const Step& s) { return s.log_evidence_increment; });
+  const auto increment =
+      record::over_steps(results, [](const record::Step& s) { return s.log_evidence_increment; });
   plot.line(results.step_numbers(), increment, Paint::faint(), "of the step", {1.2});
   if (results.monitored)
     plot.line(results.step_numbers(),
-              over_steps(results, [](const Step& s) { return s.monitor.smoothed_increment; }),
+              record::over_steps(results, [](const record::Step& s) { return s.monitor.smoothed_increment; }),
               Paint::series(6), "smoothed", {2.2});
   mark_alarms(plot, results, increment);
   return plot;
 }
 
-Plot alarm_plot(const Results& results) {
-  const auto sum = over_steps(results, [](const Step& s) { return s.monitor.cumulative_sum; });
+Plot alarm_plot(const record::Results& results) {
+  const auto sum =
+      record::over_steps(results, [](const record::Step& s) { return s.monitor.cumulative_sum; });
   const double threshold = results.steps.back().monitor.threshold;
   Plot plot("The alarm", {"step"},
             {"cumulative sum", 0.0, 1.15 * std::max(threshold, *std::max_element(sum.begin(), sum.end()))});
@@ -137,7 +139,7 @@ Plot alarm_plot(const Results& results) {
   return plot;
 }
 
-Plot residual_plot(const Results& results) {
+Plot residual_plot(const record::Results& results) {
   std::vector<double> x, y;
   for (std::size_t i = 0; i < results.residuals.step.size(); ++i) {
     x.push_back(static_cast<double>(results.residuals.step[i]));
@@ -153,7 +155,7 @@ Plot residual_plot(const Results& results) {
   return plot;
 }
 
-Plot measured_plot(const Results& results) {
+Plot measured_plot(const record::Results& results) {
   std::vector<double> measured, predicted;
   // More than some thousand dots are neither seen nor quickly shown.
   const std::size_t stride = 1 + results.residuals.measured.size() / 4000;
@@ -169,7 +171,7 @@ Plot measured_plot(const Results& results) {
   return plot;
 }
 
-Plot series_plot(const std::string& name, const SeriesFit& fit) {
+Plot series_plot(const std::string& name, const record::SeriesFit& fit) {
   const UnitScale scale = unit_scale(fit.units);
   const auto shown = [&](std::vector<double> values) {
     for (double& value : values) value *= scale.factor;
@@ -182,7 +184,7 @@ Plot series_plot(const std::string& name, const SeriesFit& fit) {
   return plot;
 }
 
-Plot series_residual_plot(const Results& results) {
+Plot series_residual_plot(const record::Results& results) {
   Plot plot("Measured minus predicted", {"step"}, {"in standard deviations of the noise"});
   int colour = 0;
   for (const auto& [name, fit] : results.residuals.series) {
@@ -196,15 +198,16 @@ Plot series_residual_plot(const Results& results) {
   return plot;
 }
 
-Plot discrepancy_plot(const Results& results) {
+Plot discrepancy_plot(const record::Results& results) {
   Plot plot("Inferred size of the model discrepancy", {"step"}, {"size of the discrepancy", 0.0});
-  plot.line(results.step_numbers(), over_steps(results, [](const Step& s) { return s.monitor.discrepancy; }),
+  plot.line(results.step_numbers(),
+            record::over_steps(results, [](const record::Step& s) { return s.monitor.discrepancy; }),
             Paint::series(1));
   return plot;
 }
 
-Plot residual_map(const Results& results, char component, const reduction::SeparatedModel* model) {
-  const Residuals& r = results.residuals;
+Plot residual_map(const record::Results& results, char component, const model::SeparatedModel* model) {
+  const record::Residuals& r = results.residuals;
   double top = 0;
   for (std::size_t i = 0; i < r.x.size(); ++i)
     if (r.component[i] == component) top = std::max(top, std::abs(r.mean[i]));
@@ -229,12 +232,12 @@ Plot residual_map(const Results& results, char component, const reduction::Separ
   return plot;
 }
 
-Plot model_probability_plot(const Results& results) {
+Plot model_probability_plot(const record::Results& results) {
   Plot plot("Which model", {"step"}, {"posterior probability", 0.0, 1.02});
   int colour = 0;
   for (const auto& [name, last] : results.steps.back().models) {
     std::vector<double> x, y;
-    for (const Step& s : results.steps) {
+    for (const record::Step& s : results.steps) {
       const auto found = s.models.find(name);
       if (found == s.models.end()) continue;
       x.push_back(static_cast<double>(s.step));
@@ -245,7 +248,7 @@ Plot model_probability_plot(const Results& results) {
   return plot;
 }
 
-void add_watch(Page& page, const Results& results, const reduction::SeparatedModel* model) {
+void add_watch(Page& page, const record::Results& results, const model::SeparatedModel* model) {
   page.section("Does the model fit the data?");
   if (!results.monitored) {
     page.note("These results hold no record of the evidence monitor.");
@@ -256,7 +259,7 @@ void add_watch(Page& page, const Results& results, const reduction::SeparatedMod
       figure_of(evidence_plot(results), "Log-evidence increments"),
       figure_of(alarm_plot(results), "Cumulative sum of the monitor and its threshold")};
   const bool joint = std::any_of(results.steps.begin(), results.steps.end(),
-                                 [](const Step& s) { return s.monitor.discrepancy > 0; });
+                                 [](const record::Step& s) { return s.monitor.discrepancy > 0; });
   if (joint) figures.push_back(figure_of(discrepancy_plot(results), "Size of the discrepancy"));
   if (!results.steps.back().models.empty())
     figures.push_back(figure_of(model_probability_plot(results), "Posterior probability of each model"));
@@ -268,14 +271,14 @@ void add_watch(Page& page, const Results& results, const reduction::SeparatedMod
                                    "relative to the prior standard deviation of its prediction."
                                  : ""));
   std::vector<TableRow> notices;
-  for (const Step& s : results.steps)
+  for (const record::Step& s : results.steps)
     if (!s.notice.empty()) notices.push_back({{std::to_string(s.step), s.notice}});
   if (!notices.empty()) page.table({"step", "what the monitor found or did"}, notices);
   if (!results.steps.back().models.empty()) {
     std::vector<TableRow> rows;
     for (const auto& [name, m] : results.steps.back().models)
-      rows.push_back(
-          {{name, readable(m.probability, 3), readable(m.log_evidence, 8), readable(m.log_bayes_factor, 3)}});
+      rows.push_back({{name, record::readable(m.probability, 3), record::readable(m.log_evidence, 8),
+                       record::readable(m.log_bayes_factor, 3)}});
     page.table({"model", "probability", "log-evidence", "log Bayes factor of the best over it"}, rows);
   }
   add_residuals(page, results, model);

@@ -8,16 +8,16 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/files/atomic_file.hpp"
+#include "knothe/record/number_text.hpp"
 #include "knothe/report/figures/model_figures.hpp"
 #include "knothe/report/figures/result_figures.hpp"
-#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/report/figures/watch_figures.hpp"
 
 namespace knothe::report {
 namespace {
 
 /// First of all: may the answer be used?
-void add_verdict(Page& page, const Results& results) {
+void add_verdict(Page& page, const record::Results& results) {
   using Level = assimilation::VerdictLevel;
   if (!results.judged) return;
   const Level level = results.verdict.level;
@@ -37,7 +37,7 @@ void add_verdict(Page& page, const Results& results) {
                     asked->full_order_runs, asked->moved_std));
 }
 
-void add_parameters(Page& page, const Results& results) {
+void add_parameters(Page& page, const record::Results& results) {
   page.section("What the data say about the parameters");
   bool any = false;
   for (const auto& s : results.steps) any = any || !s.marginals.empty();
@@ -62,7 +62,7 @@ void add_parameters(Page& page, const Results& results) {
 }
 
 /// Each pair of the first parameters; nothing for one parameter, or where the file has no draws.
-void add_pairs(Page& page, const Results& results) {
+void add_pairs(Page& page, const record::Results& results) {
   std::vector<Figure> figures;
   const std::size_t d = std::min<std::size_t>(results.draws.size(), 5);
   for (std::size_t row = 1; row < d; ++row)
@@ -77,7 +77,7 @@ void add_pairs(Page& page, const Results& results) {
   if (results.draws.size() > d) page.note(fmt::format("Only the first {} parameters are drawn.", d));
 }
 
-void add_forecasts(Page& page, const Results& results) {
+void add_forecasts(Page& page, const record::Results& results) {
   page.section("Forecast");
   const auto names = results.forecast_names();
   if (names.empty()) {
@@ -98,12 +98,12 @@ void add_forecasts(Page& page, const Results& results) {
       caption += fmt::format(
           " The elastic beam with that crack differs from the displacements predicted at the sensors by {} "
           "µm (root mean square over sensors and posterior).",
-          readable(1e6 * *residual, 2));
+          record::readable(1e6 * *residual, 2));
     page.figures(figures, caption);
   }
 }
 
-void add_method(Page& page, const Results& results) {
+void add_method(Page& page, const record::Results& results) {
   page.section("How it was computed");
   const bool maps = results.has_maps();
   std::vector<Figure> figures = {
@@ -125,8 +125,8 @@ void add_method(Page& page, const Results& results) {
   for (const auto& s : results.steps)
     if (!s.trusted)
       untrusted.push_back(
-          {{std::to_string(s.step), std::to_string(s.map_order), readable(s.variance_diagnostic, 2),
-            readable(100.0 * s.effective_sample_size, 3) + " %", s.remark}});
+          {{std::to_string(s.step), std::to_string(s.map_order), record::readable(s.variance_diagnostic, 2),
+            record::readable(100.0 * s.effective_sample_size, 3) + " %", s.remark}});
   if (!untrusted.empty())
     page.table({"not trusted: step", "order", "diagnostic", "samples", "remark"}, untrusted);
   std::size_t rejected = 0, missing = 0;
@@ -135,7 +135,7 @@ void add_method(Page& page, const Results& results) {
     page.paragraph(fmt::format("{} values were missing and {} were rejected.", missing, rejected));
 }
 
-void add_learning(Page& page, const Results& results) {
+void add_learning(Page& page, const record::Results& results) {
   page.section("Which steps carry information");
   std::vector<Figure> figures;
   if (!results.displacement.empty())
@@ -154,7 +154,7 @@ void add_learning(Page& page, const Results& results) {
 
 /// The last posterior mean, moved into the model's box, in the model's order of parameters; the box's middle
 /// for a parameter that the results do not have.
-std::vector<double> drawing_point(const Results& results, const reduction::SeparatedModel& model) {
+std::vector<double> drawing_point(const record::Results& results, const model::SeparatedModel& model) {
   std::vector<double> p;
   for (const auto& axis : model.contents().axes) {
     double value = 0.5 * (axis.nodes.front() + axis.nodes.back());
@@ -165,22 +165,23 @@ std::vector<double> drawing_point(const Results& results, const reduction::Separ
   return p;
 }
 
-void add_model(Page& page, const Results& results, const reduction::SeparatedModel& model) {
+void add_model(Page& page, const record::Results& results, const model::SeparatedModel& model) {
   const auto& contents = model.contents();
   page.section("The reduced model");
   const auto error = [&](double relative, double largest) {
     const bool is_displacement = contents.quantities.empty() && contents.field.units == "m";
-    return fmt::format("{} relative, at most {}", readable(relative, 2),
-                       is_displacement ? readable(1e6 * largest, 2) + " µm"
-                       : contents.quantities.empty()
-                           ? readable(largest, 2) + " " + pretty_units(contents.field.units)
-                           : readable(largest, 2) + " of how much the quantity varies (root mean square)");
+    return fmt::format(
+        "{} relative, at most {}", record::readable(relative, 2),
+        is_displacement ? record::readable(1e6 * largest, 2) + " µm"
+        : contents.quantities.empty()
+            ? record::readable(largest, 2) + " " + pretty_units(contents.field.units)
+            : record::readable(largest, 2) + " of how much the quantity varies (root mean square)");
   };
   const auto& between = contents.off_grid;
   page.paragraph(fmt::format(
       "Separated in the {} form: {} space modes, {} parameter functions, {} time steps, {} degrees of "
       "freedom. Error on its training grid: {}. Off the grid: {}.",
-      reduction::to_text(contents.form), contents.space_modes, contents.parameter_modes, contents.time.size(),
+      model::to_text(contents.form), contents.space_modes, contents.parameter_modes, contents.time.size(),
       contents.dof_count(), error(contents.relative_error, contents.max_error_m),
       between ? error(between->relative_error, between->max_error_m) + " (" + between->source + ")"
               : "not known"));
@@ -199,7 +200,7 @@ void add_model(Page& page, const Results& results, const reduction::SeparatedMod
   for (std::size_t axis = 0; axis < contents.axes.size(); ++axis)
     functions.push_back(figure_of(parameter_functions_plot(model, axis, p), "Parameter functions", 300.0));
   page.figures(functions,
-               contents.form == reduction::Form::canonical
+               contents.form == model::Form::canonical
                    ? "Time functions at the posterior mean, and parameter functions, of the first modes."
                    : "Time functions at the posterior mean, and the joint parameter functions along lines "
                      "through it, of the first modes.");
@@ -211,7 +212,7 @@ void add_model(Page& page, const Results& results, const reduction::SeparatedMod
   }
 }
 
-void add_provenance(Page& page, const Results& results) {
+void add_provenance(Page& page, const record::Results& results) {
   page.section("Provenance");
   if (!results.summary_found)
     page.note(
@@ -226,13 +227,14 @@ void add_provenance(Page& page, const Results& results) {
   add("Seed", results.seed);
   add("Steps", fmt::format("{} (from {} to {})", results.steps.size(), results.steps.front().step,
                            results.steps.back().step));
-  if (results.elapsed_s) add("Time of the whole run", readable(*results.elapsed_s, 3) + " s");
+  if (results.elapsed_s) add("Time of the whole run", record::readable(*results.elapsed_s, 3) + " s");
   for (const auto& p : results.parameters)
     if (!p.prior.empty()) {
       std::string prior = p.prior;
-      if (p.lower && p.upper) prior += fmt::format(", on {} … {}", plain(*p.lower), plain(*p.upper));
+      if (p.lower && p.upper)
+        prior += fmt::format(", on {} … {}", record::plain(*p.lower), record::plain(*p.upper));
       if (p.reference && *p.reference != 1)
-        prior += fmt::format("; 1 means {} {}", plain(*p.reference),
+        prior += fmt::format("; 1 means {} {}", record::plain(*p.reference),
                              p.units.empty() || p.units == "1" ? "in SI units" : pretty_units(p.units));
       add("Prior of " + pretty_name(p.name), prior);
     }
@@ -243,18 +245,18 @@ void add_provenance(Page& page, const Results& results) {
 
 }  // namespace
 
-std::string assimilation_report(const Results& results, const reduction::SeparatedModel* model,
+std::string assimilation_report(const record::Results& results, const model::SeparatedModel* model,
                                 const std::string& model_problem) {
-  const Step& last = results.steps.back();
+  const record::Step& last = results.steps.back();
   // "2026-11-25T16:02:11.123Z" to the minute.
   const std::string& at = results.computed_at;
   const std::string date =
       at.size() < 16 ? "" : fmt::format("{} {} UTC. ", at.substr(0, 10), at.substr(11, 5));
-  Page page(
-      "What the measurements say",
-      fmt::format("{}{}{} assimilated, up to model time {}. {} used at the last one.",
-                  results.project_file.empty() ? "" : results.project_file + ", ", date,
-                  counted(results.steps.size(), "step"), plain(last.time), counted(last.used, "value")));
+  Page page("What the measurements say",
+            fmt::format("{}{}{} assimilated, up to model time {}. {} used at the last one.",
+                        results.project_file.empty() ? "" : results.project_file + ", ", date,
+                        counted(results.steps.size(), "step"), record::plain(last.time),
+                        counted(last.used, "value")));
   add_verdict(page, results);
   page.cards(headline(results));
   add_parameters(page, results);
@@ -281,13 +283,13 @@ std::string assimilation_report(const Results& results, const reduction::Separat
 
 void write_assimilation_report(const std::string& results_folder, const std::string& model_path,
                                const std::string& output) {
-  const Results results = read_results(results_folder);
+  const record::Results results = record::read_results(results_folder);
   const std::string path = model_path.empty() ? results.model : model_path;
-  std::unique_ptr<reduction::SeparatedModel> model;
+  std::unique_ptr<model::SeparatedModel> model;
   std::string problem = "no model file is named in summary.json";
   if (!path.empty()) {
     try {
-      model = std::make_unique<reduction::SeparatedModel>(reduction::SeparatedModel::load(path));
+      model = std::make_unique<model::SeparatedModel>(model::SeparatedModel::load(path));
     } catch (const Error& e) {
       problem = e.what();
     }
@@ -295,7 +297,7 @@ void write_assimilation_report(const std::string& results_folder, const std::str
   files::write_text_atomically(output, assimilation_report(results, model.get(), problem));
 }
 
-std::string overview_svg(const Results& results) {
+std::string overview_svg(const record::Results& results) {
   Figure figure{"Successive posteriors and forecasts", {}, 2, 470.0, 330.0};
   const auto names = results.forecast_names();
   const std::size_t shown = names.empty() ? results.parameters.size() : 1;
@@ -307,7 +309,7 @@ std::string overview_svg(const Results& results) {
 }
 
 void write_overview_svg(const std::string& results_folder, const std::string& output) {
-  files::write_text_atomically(output, overview_svg(read_results(results_folder)));
+  files::write_text_atomically(output, overview_svg(record::read_results(results_folder)));
 }
 
 }  // namespace knothe::report

@@ -4,14 +4,15 @@
 #include <string>
 #include <vector>
 
-#include "knothe/reduction/model/separated_model.hpp"
+#include "knothe/model/reduced/separated_model.hpp"
+#include "knothe/record/results.hpp"
 #include "knothe/report/pages/page.hpp"
-#include "knothe/report/results/results.hpp"
 
 namespace knothe::report {
 
 /// The page. `model` may be null: the figures of the model are then left out, and `model_problem` says why.
-[[nodiscard]] std::string assimilation_report(const Results& results, const reduction::SeparatedModel* model,
+[[nodiscard]] std::string assimilation_report(const record::Results& results,
+                                              const model::SeparatedModel* model,
                                               const std::string& model_problem = {});
 
 /// Reads RESULTS/ and the model file (`model_path`; if empty, the one that summary.json names) and writes the
@@ -21,13 +22,13 @@ void write_assimilation_report(const std::string& results_folder, const std::str
                                const std::string& output);
 
 /// What was found in plain words, one card each.
-[[nodiscard]] std::vector<Card> headline(const Results& results);
+[[nodiscard]] std::vector<Card> headline(const record::Results& results);
 
 /// Rows "quantity, paper, here, why they differ" for the paper's beam; empty for any other problem.
-[[nodiscard]] std::vector<TableRow> comparison_with_paper(const Results& results);
+[[nodiscard]] std::vector<TableRow> comparison_with_paper(const record::Results& results);
 
 /// Successive posteriors of the last parameter and successive forecasts side by side, as a file of its own.
-[[nodiscard]] std::string overview_svg(const Results& results);
+[[nodiscard]] std::string overview_svg(const record::Results& results);
 void write_overview_svg(const std::string& results_folder, const std::string& output);
 
 }  // namespace knothe::report

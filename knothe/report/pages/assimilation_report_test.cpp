@@ -9,8 +9,8 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/testing/test_folder.hpp"
+#include "knothe/record/testing/result_examples.hpp"
 #include "knothe/report/figures/result_figures.hpp"
-#include "knothe/report/testing/report_test_support.hpp"
 
 namespace knothe::report {
 namespace {
@@ -23,20 +23,20 @@ std::string contents_of(const std::string& path) {
 }
 
 void expect_sound(const std::string& html) {
-  EXPECT_EQ(test::xml_fault(html), "");
+  EXPECT_EQ(record::test::xml_fault(html), "");
   for (const char* number : {"\"nan", " nan", "\"inf", " inf\"", "Lnan", "Mnan"})
     EXPECT_EQ(html.find(number), std::string::npos);
   // Self-contained: nothing is fetched.
-  EXPECT_EQ(test::count_of(html, "src="), 0u);
-  EXPECT_EQ(test::count_of(html, "<link"), 0u);
-  EXPECT_EQ(test::count_of(html, "@import"), 0u);
-  EXPECT_EQ(test::count_of(html, "url("), 0u);
+  EXPECT_EQ(record::test::count_of(html, "src="), 0u);
+  EXPECT_EQ(record::test::count_of(html, "<link"), 0u);
+  EXPECT_EQ(record::test::count_of(html, "@import"), 0u);
+  EXPECT_EQ(record::test::count_of(html, "url("), 0u);
 }
 
 TEST(AssimilationReport, ShowsEverySection) {
   const files::TestFolder place;
-  const std::string folder = test::write_results(place), model_path = folder + "/beam.h5";
-  reduction::SeparatedModel(test::small_beam(reduction::Form::tree)).save(model_path);
+  const std::string folder = record::test::write_results(place), model_path = folder + "/beam.h5";
+  model::SeparatedModel(record::test::small_beam(model::Form::tree)).save(model_path);
   write_assimilation_report(folder, model_path, folder + "/report.html");
   const std::string html = contents_of(folder + "/report.html");
   expect_sound(html);
@@ -64,9 +64,9 @@ TEST(AssimilationReport, ShowsEverySection) {
 
 TEST(AssimilationReport, CanonicalModelsToo) {
   const files::TestFolder place;
-  const std::string folder = test::write_results(place, 30);
-  const reduction::SeparatedModel model(test::small_beam(reduction::Form::canonical));
-  const std::string html = assimilation_report(read_results(folder), &model);
+  const std::string folder = record::test::write_results(place, 30);
+  const model::SeparatedModel model(record::test::small_beam(model::Form::canonical));
+  const std::string html = assimilation_report(record::read_results(folder), &model);
   expect_sound(html);
   EXPECT_NE(html.find("in the canonical form: 4 space modes"), std::string::npos);
   EXPECT_NE(html.find("Parameter functions along A_d"), std::string::npos);
@@ -74,7 +74,7 @@ TEST(AssimilationReport, CanonicalModelsToo) {
 
 TEST(AssimilationReport, SaysWhatIsMissing) {
   const files::TestFolder place;
-  const std::string folder = test::write_results(place, 1);
+  const std::string folder = record::test::write_results(place, 1);
   std::filesystem::remove(folder + "/summary.json");
   write_assimilation_report(folder, folder + "/none.h5", folder + "/report.html");
   const std::string html = contents_of(folder + "/report.html");
@@ -94,7 +94,7 @@ TEST(AssimilationReport, BrokenResultsLeaveNoPage) {
 
 TEST(AssimilationReport, LearningIsWhereTheStandardDeviationFalls) {
   const files::TestFolder place;
-  const Results results = read_results(test::write_results(place));
+  const record::Results results = record::read_results(record::test::write_results(place));
   for (std::size_t d : {0u, 1u}) {
     const auto steps = learning_steps(results, d);
     EXPECT_EQ(steps.size(), 5u);
@@ -107,7 +107,7 @@ TEST(AssimilationReport, LearningIsWhereTheStandardDeviationFalls) {
 
 TEST(AssimilationReport, ComparisonOnlyForThePapersBeam) {
   const files::TestFolder place;
-  Results results = read_results(test::write_results(place, 60));
+  record::Results results = record::read_results(record::test::write_results(place, 60));
   const auto rows = comparison_with_paper(results);
   ASSERT_EQ(rows.size(), 5u);
   EXPECT_EQ(rows[0].cells[1], "1.04 ± 0.041");
@@ -118,10 +118,10 @@ TEST(AssimilationReport, ComparisonOnlyForThePapersBeam) {
 
 TEST(AssimilationReport, OverviewIsAPictureOfItsOwn) {
   const files::TestFolder place;
-  const std::string folder = test::write_results(place);
+  const std::string folder = record::test::write_results(place);
   write_overview_svg(folder, folder + "/overview.svg");
   const std::string svg = contents_of(folder + "/overview.svg");
-  EXPECT_EQ(test::xml_fault(svg), "");
+  EXPECT_EQ(record::test::xml_fault(svg), "");
   EXPECT_EQ(svg.find("<?xml"), 0u);
   EXPECT_NE(svg.find("Posterior of A_d"), std::string::npos);
   EXPECT_NE(svg.find("Equivalent elastic crack length at time 0.3"), std::string::npos);

@@ -9,7 +9,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_text.hpp"
-#include "knothe/report/figures/svg_text.hpp"
+#include "knothe/record/number_text.hpp"
 #include "knothe/report/pages/page.hpp"
 
 namespace knothe::report {
@@ -42,7 +42,7 @@ std::string page_of(const Json& comparison, const Json& first, const Json& secon
   for (const double x : c.at("mean_difference").get<Numbers>()) largest = std::max(largest, std::abs(x));
   Page page("Two methods compared",
             fmt::format("The means of {} and {} differ by at most {} standard deviations of the posterior.",
-                        a, b, readable(largest, 2)));
+                        a, b, record::readable(largest, 2)));
   std::vector<Card> cards;
   for (const Json* one : {&first, &second}) {
     const bool trusted = one->at("trusted");
@@ -51,8 +51,8 @@ std::string page_of(const Json& comparison, const Json& first, const Json& secon
                      !trusted});
   }
   cards.push_back({"Log-evidence, difference",
-                   with_uncertainty(c.at("log_evidence_difference"),
-                                    std::max(1e-6, c.at("log_evidence_error").get<double>())),
+                   record::with_uncertainty(c.at("log_evidence_difference"),
+                                            std::max(1e-6, c.at("log_evidence_error").get<double>())),
                    fmt::format("{} minus {}", b, a)});
   page.cards(cards);
   page.section("Diagnostics of each method");
@@ -65,10 +65,10 @@ std::string page_of(const Json& comparison, const Json& first, const Json& secon
     head.push_back(fmt::format("{:g} %", 100 * level));
   std::vector<TableRow> rows;
   for (std::size_t k = 0; k < parameters.size(); ++k) {
-    std::vector<std::string> cells = {parameters[k], readable(c.at("mean_difference").at(k), 2),
-                                      readable(c.at("std_ratio").at(k), 4)};
+    std::vector<std::string> cells = {parameters[k], record::readable(c.at("mean_difference").at(k), 2),
+                                      record::readable(c.at("std_ratio").at(k), 4)};
     for (const double q : c.at("quantile_difference").at("values").at(k).get<Numbers>())
-      cells.push_back(readable(q, 2));
+      cells.push_back(record::readable(q, 2));
     rows.push_back({std::move(cells)});
   }
   page.table(head, rows);

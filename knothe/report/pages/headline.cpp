@@ -5,20 +5,20 @@
 #include <cmath>
 
 #include "knothe/numerics/statistics/order_statistics.hpp"
+#include "knothe/record/number_text.hpp"
 #include "knothe/report/figures/result_figures.hpp"
-#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/report/pages/assimilation_report.hpp"
 
 namespace knothe::report {
 namespace {
 
 std::string duration(double us) {
-  if (us < 1e3) return readable(us, 2) + " µs";
-  if (us < 1e6) return readable(1e-3 * us, 2) + " ms";
-  return readable(1e-6 * us, 3) + " s";
+  if (us < 1e3) return record::readable(us, 2) + " µs";
+  if (us < 1e6) return record::readable(1e-3 * us, 2) + " ms";
+  return record::readable(1e-6 * us, 3) + " s";
 }
 
-std::vector<double> update_times(const Results& results) {
+std::vector<double> update_times(const record::Results& results) {
   std::vector<double> times;
   for (const auto& s : results.steps) times.push_back(s.update_us);
   return times;
@@ -28,7 +28,7 @@ std::string percent(double probability) {
   // Of samples: all of them above does not mean certainty.
   if (probability < 0.001) return "less than 0.1 %";
   if (probability > 0.999) return "more than 99.9 %";
-  return readable(100.0 * probability, probability > 0.1 ? 3 : 2) + " %";
+  return record::readable(100.0 * probability, probability > 0.1 ? 3 : 2) + " %";
 }
 
 std::string list_of(const std::vector<std::size_t>& numbers) {
@@ -40,10 +40,10 @@ std::string list_of(const std::vector<std::size_t>& numbers) {
   return out;
 }
 
-Card parameter_card(const Results& results, std::size_t d) {
-  const ParameterSummary& p = results.parameters[d];
-  const Step& last = results.steps.back();
-  Card card{pretty_name(p.name), with_uncertainty(last.mean[d], last.standard_deviations()[d]), {}};
+Card parameter_card(const record::Results& results, std::size_t d) {
+  const record::ParameterSummary& p = results.parameters[d];
+  const record::Step& last = results.steps.back();
+  Card card{pretty_name(p.name), record::with_uncertainty(last.mean[d], last.standard_deviations()[d]), {}};
   const bool is_physical = !p.reference || *p.reference == 1;
   const std::string units = pretty_units(p.units);
   if (is_physical && !units.empty()) card.value += " " + units;
@@ -51,42 +51,45 @@ Card parameter_card(const Results& results, std::size_t d) {
     const double distance = last.standard_deviations()[d] > 0.0
                                 ? std::abs(last.mean[d] - *p.truth) / last.standard_deviations()[d]
                                 : 0.0;
-    card.remark = fmt::format("true value {}, {:.1f} standard deviations away", plain(*p.truth), distance);
+    card.remark =
+        fmt::format("true value {}, {:.1f} standard deviations away", record::plain(*p.truth), distance);
     card.warning = distance > 3.0;
   } else {
-    card.remark = fmt::format("most probable: {}", readable(last.maximum_a_posteriori[d], 4));
+    card.remark = fmt::format("most probable: {}", record::readable(last.maximum_a_posteriori[d], 4));
   }
   if (!is_physical && !units.empty())
-    card.remark = fmt::format(
-        "{} {}; {}",
-        with_uncertainty(*p.reference * last.mean[d], std::abs(*p.reference) * last.standard_deviations()[d]),
-        units, card.remark);
+    card.remark =
+        fmt::format("{} {}; {}",
+                    record::with_uncertainty(*p.reference * last.mean[d],
+                                             std::abs(*p.reference) * last.standard_deviations()[d]),
+                    units, card.remark);
   return card;
 }
 
-Card forecast_card(const Results& results, const std::string& name) {
-  const StepForecast& f = results.steps.back().forecast.at(name);
+Card forecast_card(const record::Results& results, const std::string& name) {
+  const record::StepForecast& f = results.steps.back().forecast.at(name);
   const ForecastScale scale = forecast_scale(results, name);
   const auto summary = results.forecasts.find(name);
   Card card{scale.title,
-            with_uncertainty(scale.factor * f.mean, scale.factor * f.std) +
+            record::with_uncertainty(scale.factor * f.mean, scale.factor * f.std) +
                 (scale.unit.empty() ? "" : " " + scale.unit),
             {}};
   const std::string unit = scale.unit.empty() ? "" : " " + scale.unit;
   if (summary != results.forecasts.end() && summary->second.threshold)
-    card.remark = fmt::format(
-        "above {}{} with probability {}, below with {}", plain(scale.factor * *summary->second.threshold),
-        unit, percent(f.probability_above_threshold), percent(1 - f.probability_above_threshold));
+    card.remark =
+        fmt::format("above {}{} with probability {}, below with {}",
+                    record::plain(scale.factor * *summary->second.threshold), unit,
+                    percent(f.probability_above_threshold), percent(1 - f.probability_above_threshold));
   else if (!f.values.empty())
-    card.remark = fmt::format("95 % in [{}, {}]{}", plain(scale.factor * f.values.front()),
-                              plain(scale.factor * f.values.back()), unit);
+    card.remark = fmt::format("95 % in [{}, {}]{}", record::plain(scale.factor * f.values.front()),
+                              record::plain(scale.factor * f.values.back()), unit);
   if (f.is_past) card.remark += "; the horizon has passed, so it is no longer a forecast";
   return card;
 }
 
 }  // namespace
 
-std::vector<Card> headline(const Results& results) {
+std::vector<Card> headline(const record::Results& results) {
   std::vector<Card> cards;
   for (std::size_t d = 0; d < results.parameters.size(); ++d) cards.push_back(parameter_card(results, d));
   for (const auto& name : results.forecast_names()) cards.push_back(forecast_card(results, name));
@@ -107,12 +110,14 @@ std::vector<Card> headline(const Results& results) {
   return cards;
 }
 
-TableRow map_order_row(const Results& results) {
+TableRow map_order_row(const record::Results& results) {
   const auto& steps = results.steps;
-  const auto highest = static_cast<std::size_t>(
-      std::max_element(steps.begin(), steps.end(),
-                       [](const Step& a, const Step& b) { return a.map_order < b.map_order; }) -
-      steps.begin());
+  const auto highest =
+      static_cast<std::size_t>(std::max_element(steps.begin(), steps.end(),
+                                                [](const record::Step& a, const record::Step& b) {
+                                                  return a.map_order < b.map_order;
+                                                }) -
+                               steps.begin());
   std::size_t first = highest, end = highest;
   const int floor = std::max(2, steps[highest].map_order - 1);
   for (std::size_t i = 0; i < steps.size(); ++i)
@@ -125,7 +130,7 @@ TableRow map_order_row(const Results& results) {
        "change as in the paper's composition; and on this mesh the crack runs in steps 19–26."}};
 }
 
-std::vector<TableRow> comparison_with_paper(const Results& results) {
+std::vector<TableRow> comparison_with_paper(const record::Results& results) {
   const auto index = [&](const char* name) {
     for (std::size_t d = 0; d < results.parameters.size(); ++d)
       if (results.parameters[d].name == name) return static_cast<int>(d);
@@ -133,8 +138,10 @@ std::vector<TableRow> comparison_with_paper(const Results& results) {
   };
   const int y0 = index("Y0"), ad = index("Ad");
   if (results.parameters.size() != 2 || y0 < 0 || ad < 0) return {};
-  const Step& last = results.steps.back();
-  const auto found = [&](int d) { return with_uncertainty(last.mean[d], last.standard_deviations()[d]); };
+  const record::Step& last = results.steps.back();
+  const auto found = [&](int d) {
+    return record::with_uncertainty(last.mean[d], last.standard_deviations()[d]);
+  };
   std::vector<TableRow> rows;
   rows.push_back({{"Y₀ at the end", "1.04 ± 0.041", found(y0),
                    "Other noise, other sensors, another mesh. The paper's data come from its own reduced "
@@ -146,13 +153,14 @@ std::vector<TableRow> comparison_with_paper(const Results& results) {
   for (const auto& name : results.forecast_names()) {
     const ForecastScale scale = forecast_scale(results, name);
     if (!scale.crack) continue;
-    const StepForecast& f = last.forecast.at(name);
-    rows.push_back({{scale.title, "37.2 mm (mean), 37.6 mm (most probable), at the final time",
-                     fmt::format("{} mm, most probable {} mm", with_uncertainty(1e3 * f.mean, 1e3 * f.std),
-                                 readable(1e3 * f.maximum_a_posteriori, 3)),
-                     "At the final 0.4 mm this mesh has lost 98 % of its stiffness, and an elastic crack of "
-                     "equal compliance is 65–75 mm long; the paper's damage band is wider, its supports "
-                     "softer, or both. An earlier horizon is where the length is uncertain."}});
+    const record::StepForecast& f = last.forecast.at(name);
+    rows.push_back(
+        {{scale.title, "37.2 mm (mean), 37.6 mm (most probable), at the final time",
+          fmt::format("{} mm, most probable {} mm", record::with_uncertainty(1e3 * f.mean, 1e3 * f.std),
+                      record::readable(1e3 * f.maximum_a_posteriori, 3)),
+          "At the final 0.4 mm this mesh has lost 98 % of its stiffness, and an elastic crack of "
+          "equal compliance is 65–75 mm long; the paper's damage band is wider, its supports "
+          "softer, or both. An earlier horizon is where the length is uncertain."}});
   }
   if (results.has_maps()) rows.push_back(map_order_row(results));
   rows.push_back({{"Time of a step, with forecasts", "less than 5 s",

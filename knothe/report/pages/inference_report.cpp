@@ -10,7 +10,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_text.hpp"
-#include "knothe/report/figures/svg_text.hpp"
+#include "knothe/record/number_text.hpp"
 #include "knothe/report/pages/page.hpp"
 
 namespace knothe::report {
@@ -102,10 +102,11 @@ void add_parameters(Page& page, const Content& c) {
   page.section("The parameters");
   std::vector<TableRow> rows;
   for (std::size_t k = 0; k < c.parameters.size(); ++k)
-    rows.push_back(
-        {{c.parameters[k], readable(c.mean[k], 5), readable(c.std[k], 3), readable(c.most_probable[k], 5),
-          fmt::format("{} … {}", readable(c.quantiles[k].front(), 4), readable(c.quantiles[k].back(), 4)),
-          readable(c.skewness[k], 2), readable(c.kurtosis[k], 3)}});
+    rows.push_back({{c.parameters[k], record::readable(c.mean[k], 5), record::readable(c.std[k], 3),
+                     record::readable(c.most_probable[k], 5),
+                     fmt::format("{} … {}", record::readable(c.quantiles[k].front(), 4),
+                                 record::readable(c.quantiles[k].back(), 4)),
+                     record::readable(c.skewness[k], 2), record::readable(c.kurtosis[k], 3)}});
   page.table(
       {"parameter", "mean", "standard deviation", "most probable", "95 % between", "skewness", "kurtosis"},
       rows);
@@ -193,10 +194,10 @@ void add_phases(Page& page, const Json& content) {
   for (const Json& phase : content.at("phases")) {
     const double seconds = phase.at("seconds"), model_seconds = phase.at("model_seconds");
     total += seconds, model += model_seconds;
-    rows.push_back({{phase.at("name").get<std::string>(), readable(seconds, 3) + " s",
-                     readable(model_seconds, 3) + " s"}});
+    rows.push_back({{phase.at("name").get<std::string>(), record::readable(seconds, 3) + " s",
+                     record::readable(model_seconds, 3) + " s"}});
   }
-  rows.push_back({{"together", readable(total, 3) + " s", readable(model, 3) + " s"}});
+  rows.push_back({{"together", record::readable(total, 3) + " s", record::readable(model, 3) + " s"}});
   page.table({"phase", "time", "of which the model took"}, rows);
   const Json& calls = content.at("model_calls");
   page.paragraph(fmt::format(
@@ -234,18 +235,18 @@ std::string inference_report(const Json& content, const std::string& where) {
     Page page("What the observations say", c.verdict);
     std::vector<Card> cards;
     for (std::size_t k = 0; k < std::min<std::size_t>(c.parameters.size(), 4); ++k)
-      cards.push_back({c.parameters[k], with_uncertainty(c.mean[k], c.std[k]),
-                       "most probable " + readable(c.most_probable[k], 4)});
-    cards.push_back(
-        {"Trust", c.trusted ? "trusted" : "not trusted",
-         c.has_map()
-             ? fmt::format("diagnostic {}, samples {} %", readable(content.at("variance_diagnostic"), 2),
-                           readable(100 * content.at("ess").get<double>(), 3))
-             : fmt::format("effective sample size {} %", readable(100 * content.at("ess").get<double>(), 3)),
-         !c.trusted});
+      cards.push_back({c.parameters[k], record::with_uncertainty(c.mean[k], c.std[k]),
+                       "most probable " + record::readable(c.most_probable[k], 4)});
+    cards.push_back({"Trust", c.trusted ? "trusted" : "not trusted",
+                     c.has_map() ? fmt::format("diagnostic {}, samples {} %",
+                                               record::readable(content.at("variance_diagnostic"), 2),
+                                               record::readable(100 * content.at("ess").get<double>(), 3))
+                                 : fmt::format("effective sample size {} %",
+                                               record::readable(100 * content.at("ess").get<double>(), 3)),
+                     !c.trusted});
     cards.push_back({"Log-evidence",
-                     with_uncertainty(content.at("log_evidence"),
-                                      std::max(1e-6, content.at("log_evidence_error").get<double>())),
+                     record::with_uncertainty(content.at("log_evidence"),
+                                              std::max(1e-6, content.at("log_evidence_error").get<double>())),
                      fmt::format("{} model evaluations", content.at("model_evaluations").get<long>())});
     page.cards(cards);
     add_parameters(page, c);

@@ -3,7 +3,7 @@
 #include <fmt/core.h>
 
 #include "knothe/base/text.hpp"
-#include "knothe/report/figures/svg_text.hpp"
+#include "knothe/record/number_text.hpp"
 
 namespace knothe::report {
 namespace {

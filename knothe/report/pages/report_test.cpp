@@ -10,12 +10,12 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
+#include "knothe/record/number_text.hpp"
+#include "knothe/record/testing/result_examples.hpp"
 #include "knothe/report/figures/mesh_view.hpp"
 #include "knothe/report/figures/result_figures.hpp"
 #include "knothe/report/figures/svg_figure.hpp"
-#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/report/pages/page.hpp"
-#include "knothe/report/testing/report_test_support.hpp"
 
 namespace knothe::report {
 namespace {
@@ -30,47 +30,47 @@ TEST(Text, EscapesWhatMeansSomethingInXml) {
 }
 
 TEST(Text, CoordinatesAreShortAndFinite) {
-  EXPECT_EQ(coordinate(12.5), "12.5");
-  EXPECT_EQ(coordinate(100.0), "100");
-  EXPECT_EQ(coordinate(-0.001), "0");
-  EXPECT_EQ(coordinate(1.0 / 3), "0.33");
-  EXPECT_THROW((void)coordinate(k_nan), NumericalError);
-  EXPECT_THROW((void)coordinate(INFINITY), NumericalError);
+  EXPECT_EQ(record::coordinate(12.5), "12.5");
+  EXPECT_EQ(record::coordinate(100.0), "100");
+  EXPECT_EQ(record::coordinate(-0.001), "0");
+  EXPECT_EQ(record::coordinate(1.0 / 3), "0.33");
+  EXPECT_THROW((void)record::coordinate(k_nan), NumericalError);
+  EXPECT_THROW((void)record::coordinate(INFINITY), NumericalError);
 }
 
 TEST(Text, NumbersForPeople) {
-  EXPECT_EQ(readable(0.0), "0");
-  EXPECT_EQ(readable(1.04), "1.04");
-  EXPECT_EQ(readable(-37.25, 3), "−37.2");
-  EXPECT_EQ(readable(9.999, 3), "10.0");
-  EXPECT_EQ(readable(1.5e-7, 2), "1.5·10⁻⁷");
-  EXPECT_EQ(readable(123456.0, 3), "123456");
-  EXPECT_EQ(with_uncertainty(1.0432, 0.0412), "1.043 ± 0.041");
-  EXPECT_EQ(with_uncertainty(37.2345, 1.26), "37.2 ± 1.3");
-  EXPECT_EQ(with_uncertainty(-2.0, 0.0), "−2.000 ± 0");
-  EXPECT_EQ(plain(0.3), "0.3");
-  EXPECT_EQ(plain(25.0), "25");
-  EXPECT_EQ(plain(-1200.0), "−1200");
-  EXPECT_EQ(superscript(-12), "⁻¹²");
-  EXPECT_THROW((void)readable(k_nan), NumericalError);
-  EXPECT_THROW((void)with_uncertainty(1.0, k_nan), NumericalError);
+  EXPECT_EQ(record::readable(0.0), "0");
+  EXPECT_EQ(record::readable(1.04), "1.04");
+  EXPECT_EQ(record::readable(-37.25, 3), "−37.2");
+  EXPECT_EQ(record::readable(9.999, 3), "10.0");
+  EXPECT_EQ(record::readable(1.5e-7, 2), "1.5·10⁻⁷");
+  EXPECT_EQ(record::readable(123456.0, 3), "123456");
+  EXPECT_EQ(record::with_uncertainty(1.0432, 0.0412), "1.043 ± 0.041");
+  EXPECT_EQ(record::with_uncertainty(37.2345, 1.26), "37.2 ± 1.3");
+  EXPECT_EQ(record::with_uncertainty(-2.0, 0.0), "−2.000 ± 0");
+  EXPECT_EQ(record::plain(0.3), "0.3");
+  EXPECT_EQ(record::plain(25.0), "25");
+  EXPECT_EQ(record::plain(-1200.0), "−1200");
+  EXPECT_EQ(record::superscript(-12), "⁻¹²");
+  EXPECT_THROW((void)record::readable(k_nan), NumericalError);
+  EXPECT_THROW((void)record::with_uncertainty(1.0, k_nan), NumericalError);
 }
 
 TEST(Ticks, ExactCases) {
-  EXPECT_EQ(nice_ticks(0, 1, 5).labels, (Texts{"0.0", "0.2", "0.4", "0.6", "0.8", "1.0"}));
-  EXPECT_EQ(nice_ticks(0, 100, 5).labels, (Texts{"0", "20", "40", "60", "80", "100"}));
-  EXPECT_EQ(nice_ticks(-1, 1, 4).labels, (Texts{"−1.0", "−0.5", "0.0", "0.5", "1.0"}));
-  EXPECT_EQ(nice_ticks(0.5, 1.5, 5).labels, (Texts{"0.6", "0.8", "1.0", "1.2", "1.4"}));
-  EXPECT_EQ(nice_ticks(0, 0.00035, 4).labels, (Texts{"0.0000", "0.0001", "0.0002", "0.0003"}));
-  EXPECT_EQ(nice_ticks(3, 3).labels, (Texts{"3.00"}));
-  EXPECT_THROW((void)nice_ticks(1, 0), NumericalError);
-  EXPECT_THROW((void)nice_ticks(0, INFINITY), NumericalError);
+  EXPECT_EQ(record::nice_ticks(0, 1, 5).labels, (Texts{"0.0", "0.2", "0.4", "0.6", "0.8", "1.0"}));
+  EXPECT_EQ(record::nice_ticks(0, 100, 5).labels, (Texts{"0", "20", "40", "60", "80", "100"}));
+  EXPECT_EQ(record::nice_ticks(-1, 1, 4).labels, (Texts{"−1.0", "−0.5", "0.0", "0.5", "1.0"}));
+  EXPECT_EQ(record::nice_ticks(0.5, 1.5, 5).labels, (Texts{"0.6", "0.8", "1.0", "1.2", "1.4"}));
+  EXPECT_EQ(record::nice_ticks(0, 0.00035, 4).labels, (Texts{"0.0000", "0.0001", "0.0002", "0.0003"}));
+  EXPECT_EQ(record::nice_ticks(3, 3).labels, (Texts{"3.00"}));
+  EXPECT_THROW((void)record::nice_ticks(1, 0), NumericalError);
+  EXPECT_THROW((void)record::nice_ticks(0, INFINITY), NumericalError);
 }
 
 TEST(Ticks, InsideTheRangeEvenlySpacedAndReasonablyMany) {
   for (double low : {-3.7e4, -1.0, 0.0, 1e-9, 0.123, 998.5})
     for (double span : {1e-8, 0.37, 1.0, 61.0, 1e7}) {
-      const Ticks ticks = nice_ticks(low, low + span, 5);
+      const record::Ticks ticks = record::nice_ticks(low, low + span, 5);
       ASSERT_GE(ticks.values.size(), 2u);
       ASSERT_LE(ticks.values.size(), 9u);
       for (double v : ticks.values) {
@@ -85,11 +85,12 @@ TEST(Ticks, InsideTheRangeEvenlySpacedAndReasonablyMany) {
 }
 
 TEST(Ticks, Decades) {
-  EXPECT_EQ(decade_ticks(1e-4, 1e-1).labels, (Texts{"10⁻⁴", "10⁻³", "10⁻²", "10⁻¹"}));
-  EXPECT_EQ(decade_ticks(0.5, 2e3).labels, (Texts{"1", "10", "100", "1000"}));
-  EXPECT_EQ(decade_ticks(200, 900, 4).labels, nice_ticks(200, 900, 4).labels);  // less than a decade
-  EXPECT_LE(decade_ticks(1e-12, 1.0, 5).labels.size(), 5u);
-  EXPECT_THROW((void)decade_ticks(0, 1), NumericalError);
+  EXPECT_EQ(record::decade_ticks(1e-4, 1e-1).labels, (Texts{"10⁻⁴", "10⁻³", "10⁻²", "10⁻¹"}));
+  EXPECT_EQ(record::decade_ticks(0.5, 2e3).labels, (Texts{"1", "10", "100", "1000"}));
+  EXPECT_EQ(record::decade_ticks(200, 900, 4).labels,
+            record::nice_ticks(200, 900, 4).labels);  // less than a decade
+  EXPECT_LE(record::decade_ticks(1e-12, 1.0, 5).labels.size(), 5u);
+  EXPECT_THROW((void)record::decade_ticks(0, 1), NumericalError);
 }
 
 TEST(Colours, EndsOfTheMaps) {
@@ -118,16 +119,16 @@ Figure example() {
 
 TEST(SvgFigure, IsWellFormedAndFinite) {
   for (const std::string& svg : {standalone_svg(example()), inline_svg(example())}) {
-    EXPECT_EQ(test::xml_fault(svg), "");
+    EXPECT_EQ(record::test::xml_fault(svg), "");
     EXPECT_EQ(svg.find("nan"), std::string::npos);
     EXPECT_EQ(svg.find("inf"), std::string::npos);
     EXPECT_NE(svg.find("All &lt;kinds&gt; &amp; &quot;more&quot;"), std::string::npos);
     EXPECT_NE(svg.find("Example &amp; co"), std::string::npos);
   }
-  EXPECT_EQ(test::count_of(standalone_svg(example()), "<circle"), 5u);  // four and one in the legend
-  EXPECT_EQ(test::xml_fault("<a><b></a></b>"), "</a> closes nothing");  // the checker itself
-  EXPECT_NE(test::xml_fault("<a b=c></a>"), "");
-  EXPECT_NE(test::xml_fault("<a>x & y</a>"), "");
+  EXPECT_EQ(record::test::count_of(standalone_svg(example()), "<circle"), 5u);  // four and one in the legend
+  EXPECT_EQ(record::test::xml_fault("<a><b></a></b>"), "</a> closes nothing");  // the checker itself
+  EXPECT_NE(record::test::xml_fault("<a b=c></a>"), "");
+  EXPECT_NE(record::test::xml_fault("<a>x & y</a>"), "");
 }
 
 TEST(SvgFigure, PutsDataWhereTheAxesSay) {
@@ -159,7 +160,7 @@ TEST(SvgFigure, SurvivesConstantEmptyAndHugeData) {
   Plot huge("", {"", 0.0, 1e-300}, {"", 0.0, 1.0});
   huge.line(std::vector<double>{-1e300, 1e300}, std::vector<double>{1e300, -1e300}, Paint::ink());
   const std::string svg = standalone_svg({"odd", {plot, huge, Plot("", {""}, {""})}, 2});
-  EXPECT_EQ(test::xml_fault(svg), "");
+  EXPECT_EQ(record::test::xml_fault(svg), "");
   EXPECT_EQ(svg.find("nan"), std::string::npos);
 }
 
@@ -176,7 +177,7 @@ TEST(SvgFigure, RefusesNumbersThatAreNotFiniteByName) {
 }
 
 TEST(MeshView, FindsTheOuterFaceAndItsDofs) {
-  const auto contents = test::small_beam(reduction::Form::tree);
+  const auto contents = record::test::small_beam(model::Form::tree);
   const OuterFace face = outer_face(*contents.mesh);
   EXPECT_EQ(face.cells.size(), 42u * 5u - 1u);  // the notch is missing
   EXPECT_EQ(face.points.size(), 43u * 6u);
@@ -186,13 +187,13 @@ TEST(MeshView, FindsTheOuterFaceAndItsDofs) {
   std::vector<double> value;
   for (const auto& p : face.points) value.push_back(p[0]);
   const std::string svg = standalone_svg({"mesh", {mesh_plot("x", face, value, {}, "m")}});
-  EXPECT_EQ(test::xml_fault(svg), "");
+  EXPECT_EQ(record::test::xml_fault(svg), "");
   EXPECT_NE(svg.find(blue_white_red(0.0)), std::string::npos);
   EXPECT_THROW((void)mesh_plot("x", face, std::vector<double>(3), {}, "m"), DataError);
 }
 
 TEST(MeshView, OutlineIsTheBoundaryWithItsNotch) {
-  const auto contents = test::small_beam(reduction::Form::tree);
+  const auto contents = record::test::small_beam(model::Form::tree);
   const OuterFace face = outer_face(*contents.mesh);
   // 42 × 5 elements: around it 2 (42 + 5) edges; the missing element of the lower edge gives three for one.
   const auto edges = outline(face);
@@ -231,9 +232,9 @@ TEST(Page, EscapesAndStaysWellFormed) {
   page.section("One & two").paragraph("a < b").note("n").cards({{"x", "1 ± 2", "<r>", true}});
   page.figure(example(), "caption & more").table({"h"}, {{{"<c>"}}}).details("file", "x = \"<\"");
   const std::string html = page.html();
-  EXPECT_EQ(test::xml_fault(html), "");
+  EXPECT_EQ(record::test::xml_fault(html), "");
   EXPECT_EQ(html.find("http://www.w3.org"), html.rfind("http"));  // no address but the name of SVG itself
-  EXPECT_EQ(test::count_of(html, "<script"), 0u);
+  EXPECT_EQ(record::test::count_of(html, "<script"), 0u);
   EXPECT_NE(html.find("<a href=\"#s1\">One &amp; two</a>"), std::string::npos);
 }
 

@@ -5,9 +5,9 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "knothe/record/number_text.hpp"
 #include "knothe/report/figures/mesh_view.hpp"
 #include "knothe/report/figures/model_figures.hpp"
-#include "knothe/report/figures/svg_text.hpp"
 #include "knothe/report/pages/page.hpp"
 
 namespace knothe::report {
@@ -23,15 +23,14 @@ ordered_json by_name(const std::vector<std::string>& names, const Eigen::VectorX
 }
 
 /// √(Σ_t (∂u/∂p)²) of one component, times the prior's std, µm, at the nodes of the face.
-std::vector<double> field_on_face(const reduction::SeparatedModel& model, const OuterFace& face,
-                                  int component, Eigen::Index parameter, const Eigen::VectorXd& at,
-                                  double prior_std) {
+std::vector<double> field_on_face(const model::SeparatedModel& model, const OuterFace& face, int component,
+                                  Eigen::Index parameter, const Eigen::VectorXd& at, double prior_std) {
   const std::vector<std::ptrdiff_t> dofs = dofs_of_face(face, model.contents().dofs, component);
   std::vector<std::size_t> present;
   for (const std::ptrdiff_t dof : dofs) {
     if (dof >= 0) present.push_back(dof);
   }
-  const Eigen::MatrixXd s = assimilation::sensitivity_over_time(reduction::observe_dofs(model, present), at);
+  const Eigen::MatrixXd s = assimilation::sensitivity_over_time(model::observe_dofs(model, present), at);
   std::vector<double> values;
   Eigen::Index next = 0;
   for (const std::ptrdiff_t dof : dofs)
@@ -134,9 +133,9 @@ std::string selection_page(const project::Project& project, const project::Selec
   std::vector<Card> cards;
   for (std::size_t k = 0; k < names.size(); ++k) {
     const auto j = static_cast<Eigen::Index>(k);
-    cards.push_back({"std of " + names[k], readable(study.ranked.back().posterior_std[j]),
-                     fmt::format("prior {}, all dofs {}", readable(study.prior_std[j]),
-                                 readable(study.posterior_std_of_all[j]))});
+    cards.push_back({"std of " + names[k], record::readable(study.ranked.back().posterior_std[j]),
+                     fmt::format("prior {}, all dofs {}", record::readable(study.prior_std[j]),
+                                 record::readable(study.posterior_std_of_all[j]))});
   }
   page.cards(cards);
   page.section("Posterior standard deviation against number of dofs");
@@ -159,7 +158,7 @@ std::string selection_page(const project::Project& project, const project::Selec
           fmt::format("{} at ({:.1f}, {:.1f}, {:.1f}) mm", k_letters[setup.sensors.components[k]],
                       1e3 * setup.problem.positions(r.dof, 0), 1e3 * setup.problem.positions(r.dof, 1),
                       1e3 * setup.problem.positions(r.dof, 2)),
-          readable(r.score), assimilation::explain(study, i, names)}});
+          record::readable(r.score), assimilation::explain(study, i, names)}});
   }
   page.table({"Rank", "Dof", "Component and point", "Score", "Why"}, rows);
   return page.html();

@@ -6,9 +6,9 @@
 #include <filesystem>
 #include <fstream>
 
-#include "knothe/assimilation/data/time_matching.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/files/csv.hpp"
+#include "knothe/likelihood/data/time_matching.hpp"
 #include "knothe/service/site/log.hpp"
 
 namespace knothe::service {
@@ -123,7 +123,7 @@ const std::vector<double>& CameraWatch::times() const {
 std::optional<FrameNumbers::Numbered> CameraWatch::last_in_journal() const {
   const auto datum = site_->journal().last_frame();
   if (!datum) return std::nullopt;
-  const auto index = assimilation::matching_time(datum->time, times());
+  const auto index = likelihood::matching_time(datum->time, times());
   if (!index) return std::nullopt;
   return FrameNumbers::Numbered{static_cast<std::int64_t>(*index) + site_->project().serve.first_picture,
                                 datum->key.session, datum->key.seq, 1000 * datum->received_ms};

@@ -260,7 +260,7 @@ struct JournalReader::Implementation {
     chain = {seal, chain.count + 1};
   }
 
-  std::optional<Found> find_last(const assimilation::DatumKey& key) {
+  std::optional<Found> find_last(const likelihood::DatumKey& key) {
     find->reset();
     find->bind(1, std::string_view(key.source)).bind(2, std::string_view(key.session)).bind(3, key.seq);
     std::optional<Found> found;
@@ -271,7 +271,7 @@ struct JournalReader::Implementation {
     return found;
   }
 
-  std::optional<JournalEntry> last_entry(const assimilation::DatumKey& key) {
+  std::optional<JournalEntry> last_entry(const likelihood::DatumKey& key) {
     Statement row(
         database,
         select_records(database,
@@ -422,7 +422,7 @@ LogbookEntry Journal::add_entry(LogbookEntry entry) {
   return entry;
 }
 
-bool Journal::holds(const assimilation::DatumKey& key) const {
+bool Journal::holds(const likelihood::DatumKey& key) const {
   const auto found = implementation_->find_last(key);
   return found && !found->withdrawn;
 }
@@ -487,7 +487,7 @@ Appended Journal::append(const Measurement& datum, Quarantine quarantined) {
           there.has_value(),       {}};
 }
 
-std::optional<JournalEntry> Journal::release(const assimilation::DatumKey& key) {
+std::optional<JournalEntry> Journal::release(const likelihood::DatumKey& key) {
   Implementation& i = *implementation_;
   auto entry = i.last_entry(key);
   if (!entry || !entry->quarantined || entry->withdrawn) return std::nullopt;
@@ -495,7 +495,7 @@ std::optional<JournalEntry> Journal::release(const assimilation::DatumKey& key) 
   return entry;
 }
 
-std::optional<JournalEntry> Journal::withdraw(const assimilation::DatumKey& key) {
+std::optional<JournalEntry> Journal::withdraw(const likelihood::DatumKey& key) {
   Implementation& i = *implementation_;
   auto entry = i.last_entry(key);
   if (entry && !entry->withdrawn) i.mark("withdrawal", i.chains.withdrawals, entry->id);

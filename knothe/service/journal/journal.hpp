@@ -135,17 +135,17 @@ class Journal : public JournalReader {
   Appended append(const Measurement& datum, Quarantine quarantined = {});
   /// Lets a quarantined datum into the posterior, inside a group: its record before. Nothing if there is none
   /// of that key.
-  std::optional<JournalEntry> release(const assimilation::DatumKey& key);
+  std::optional<JournalEntry> release(const likelihood::DatumKey& key);
   /// Takes a datum out, inside a group: its record before, which says whether it had been withdrawn already.
   /// Nothing if there is none of that key.
-  std::optional<JournalEntry> withdraw(const assimilation::DatumKey& key);
+  std::optional<JournalEntry> withdraw(const likelihood::DatumKey& key);
   /// Keeps an alarm, inside a group.
   void add_alarm(const Alarm& alarm);
   /// Writes an entry, inside a group: as it is on disk, with its number and time of writing.
   LogbookEntry add_entry(LogbookEntry entry);
 
   /// Whether there is a datum of that key that is not withdrawn.
-  [[nodiscard]] bool holds(const assimilation::DatumKey& key) const;
+  [[nodiscard]] bool holds(const likelihood::DatumKey& key) const;
   /// The `most` largest of the records that are not withdrawn, the largest first.
   [[nodiscard]] std::vector<std::int64_t> largest_seqs(const std::string& source, const std::string& session,
                                                        std::size_t most) const;

@@ -141,7 +141,7 @@ TEST(Journal, QuarantinedDataAreReleasedOnce) {
   journal.for_each([](const JournalEntry& entry) { EXPECT_TRUE(entry.quarantined && entry.released); });
 }
 
-std::optional<JournalEntry> withdraw(Journal& journal, const assimilation::DatumKey& key) {
+std::optional<JournalEntry> withdraw(Journal& journal, const likelihood::DatumKey& key) {
   journal.begin();
   auto entry = journal.withdraw(key);
   journal.commit();

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "knothe/assimilation/data/time_matching.hpp"
+#include "knothe/likelihood/data/time_matching.hpp"
 
 namespace knothe::service {
 
@@ -33,7 +33,7 @@ void SensorSwitches::add(const LogbookEntry& entry) {
 }
 
 std::size_t SensorSwitches::first_step(double time) const {
-  if (const auto exact = assimilation::matching_time(time, model_times_)) return *exact;
+  if (const auto exact = likelihood::matching_time(time, model_times_)) return *exact;
   return static_cast<std::size_t>(std::lower_bound(model_times_.begin(), model_times_.end(), time) -
                                   model_times_.begin());
 }

@@ -81,7 +81,7 @@ Received parse_object(std::string_view body) {
   return object;
 }
 
-assimilation::DatumKey key_of(const Received& object) {
+likelihood::DatumKey key_of(const Received& object) {
   return {text_member(object, "source", true), text_member(object, "session", true),
           checked_index(member(object, "seq"), "seq")};
 }
@@ -121,10 +121,10 @@ std::vector<double> Measurement::effective_values() const {
   return effective;
 }
 
-assimilation::Datum Measurement::datum() const {
+likelihood::Datum Measurement::datum() const {
   const std::vector<double> effective = effective_values();
   const auto index = static_cast<std::size_t>(step);
-  assimilation::Datum datum{
+  likelihood::Datum datum{
       key, index, index, Eigen::Map<const Eigen::VectorXd>(effective.data(), std::ssize(effective)), {}};
   if (!noise.empty()) datum.noise = noise_of_bytes(noise);
   return datum;

@@ -7,13 +7,13 @@
 #include <string_view>
 #include <vector>
 
-#include "knothe/assimilation/data/datum.hpp"
+#include "knothe/likelihood/data/datum.hpp"
 
 namespace knothe::service {
 
 /// One vector of values of all sensors at one model time, as it was sent.
 struct Measurement {
-  assimilation::DatumKey key;
+  likelihood::DatumKey key;
   double time = 0;
   std::vector<double> values;        ///< as sent; NaN for null
   std::vector<std::uint8_t> status;  ///< one per value: 0 is good, anything else is missing
@@ -24,7 +24,7 @@ struct Measurement {
   /// The values that the engine sees: NaN where missing.
   [[nodiscard]] std::vector<double> effective_values() const;
   /// As the engine takes it: every model time is a step. DataError for noise that is damaged.
-  [[nodiscard]] assimilation::Datum datum() const;
+  [[nodiscard]] likelihood::Datum datum() const;
   /// Values and status as the journal keeps them: count, doubles, bytes, little endian.
   [[nodiscard]] std::string payload() const;
   /// Back again. False if the bytes are not a payload.
@@ -58,7 +58,7 @@ struct SiteMeasurement {
 /// A datum that is there already, and the site it is at (may be empty).
 struct SiteKey {
   std::string site;
-  assimilation::DatumKey key;
+  likelihood::DatumKey key;
 };
 
 /// From a JSON object with `source`, `session`, `seq`. RequestError 400 that says which member is wrong.

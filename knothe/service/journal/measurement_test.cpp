@@ -51,7 +51,7 @@ std::string refusal(const std::string& body) {
 TEST(Measurement, IsReadFromJson) {
   const SiteMeasurement read = parse_json_measurement(k_json);
   EXPECT_EQ(read.site, "beam");
-  EXPECT_EQ(read.measurement.key, (assimilation::DatumKey{"camera", "s", 4}));
+  EXPECT_EQ(read.measurement.key, (likelihood::DatumKey{"camera", "s", 4}));
   EXPECT_EQ(read.measurement.time, 0.25);
   const auto values = read.measurement.effective_values();
   ASSERT_EQ(values.size(), 3u);
@@ -64,7 +64,7 @@ TEST(Measurement, IsReadFromJson) {
 TEST(Measurement, AKeyIsReadFromJson) {
   const SiteKey datum = parse_json_key(R"({"site":"beam","source":"camera","session":"s","seq":7})");
   EXPECT_EQ(datum.site, "beam");
-  EXPECT_EQ(datum.key, (assimilation::DatumKey{"camera", "s", 7}));
+  EXPECT_EQ(datum.key, (likelihood::DatumKey{"camera", "s", 7}));
   for (const char* wrong :
        {"", "[]", R"({"source":"camera","session":"s"})", R"({"source":"camera","session":"s","seq":1.5})",
         R"({"source":1,"session":"s","seq":1})"})

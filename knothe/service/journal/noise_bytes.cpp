@@ -36,7 +36,7 @@ std::vector<Number> read(std::string_view& bytes, std::uint64_t count) {
 
 }  // namespace
 
-std::string noise_bytes(const assimilation::GaussianNoise& noise) {
+std::string noise_bytes(const likelihood::GaussianNoise& noise) {
   const Eigen::SparseMatrix<double> precision = noise.precision();
   const std::uint64_t n = static_cast<std::uint64_t>(precision.rows()),
                       count = static_cast<std::uint64_t>(precision.nonZeros());
@@ -56,7 +56,7 @@ std::string noise_bytes(const assimilation::GaussianNoise& noise) {
   return bytes;
 }
 
-assimilation::GaussianNoise noise_of_bytes(std::string_view bytes) {
+likelihood::GaussianNoise noise_of_bytes(std::string_view bytes) {
   std::uint64_t plain_size = 0;
   if (bytes.size() < sizeof plain_size) damaged();
   std::memcpy(&plain_size, bytes.data(), sizeof plain_size);
@@ -87,7 +87,7 @@ assimilation::GaussianNoise noise_of_bytes(std::string_view bytes) {
   const auto rows = static_cast<Eigen::Index>(n);
   const Eigen::Map<const Eigen::SparseMatrix<double>> precision(rows, rows, static_cast<Eigen::Index>(count),
                                                                 outer.data(), inner.data(), values.data());
-  return assimilation::GaussianNoise::correlated(precision);
+  return likelihood::GaussianNoise::correlated(precision);
 }
 
 }  // namespace knothe::service

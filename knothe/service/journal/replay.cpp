@@ -13,8 +13,8 @@
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/numbers.hpp"
-#include "knothe/report/results/results_writer.hpp"
-#include "knothe/report/results/step_record.hpp"
+#include "knothe/record/results_writer.hpp"
+#include "knothe/record/step_record.hpp"
 #include "knothe/service/journal/journal.hpp"
 #include "knothe/service/journal/served_model.hpp"
 #include "knothe/service/journal/step_matching.hpp"
@@ -66,7 +66,7 @@ Opened open_both(const std::string& path, const std::string& project_path) {
 std::string csv_of(const Opened& opened) {
   std::string text = "time,sensor,x,y,z,component,value,std\n";
   const auto& setup = opened.model.setup;
-  const reduction::Sensors& sensors = setup.measurements.sensors;
+  const model::Sensors& sensors = setup.measurements.sensors;
   const Eigen::VectorXd std = setup.measurements.noise.measurement().standard_deviations();
   for (const JournalEntry& entry : opened.entries) {
     const std::vector<double> values = entry.measurement.effective_values();
@@ -86,27 +86,27 @@ std::string csv_of(const Opened& opened) {
   return text;
 }
 
-engine::Engine engine_of(const Opened& opened) {
-  engine::Engine engine(opened.model.engine_setup());
+assimilation::Engine engine_of(const Opened& opened) {
+  assimilation::Engine engine(opened.model.engine_setup());
   for (const JournalEntry& entry : opened.entries) engine.add(entry.measurement.datum());
   return engine;
 }
 
 void write_results(const Opened& opened, const std::string& folder) {
   files::require_writable_folder(folder);
-  engine::Engine engine = engine_of(opened);
+  assimilation::Engine engine = engine_of(opened);
   const std::vector<std::size_t> steps(engine.stale().begin(), engine.stale().end());
   // The data as a file has them: one column per step, the last datum of each.
-  assimilation::Measurements measurements = opened.model.setup.measurements;
+  likelihood::Measurements measurements = opened.model.setup.measurements;
   measurements.time.clear();
   for (const std::size_t step : steps)
     measurements.time.push_back(opened.model.setup.problem.model->time[step]);
   measurements.values.resize(measurements.values.rows(), std::ssize(steps));
-  report::ResultsWriter writer(opened.model.project, opened.model.setup.model, measurements, engine.priors());
+  record::ResultsWriter writer(opened.model.project, opened.model.setup.model, measurements, engine.priors());
   const auto start = std::chrono::steady_clock::now();
   for (const std::size_t step : steps) {
     check_cancellation("nothing was written");
-    engine::StepResult result = engine.conclude(step);
+    assimilation::StepResult result = engine.conclude(step);
     opened.model.amend(result);
     writer.add_step(result, engine.published_forecasts(result), engine.last_datum(step));
   }
@@ -117,14 +117,14 @@ void write_results(const Opened& opened, const std::string& folder) {
 
 void for_each_result(const JournalReader& journal, const project::Project& project,
                      const project::UpdateSetup& setup,
-                     const std::function<void(const engine::StepResult&)>& visit) {
+                     const std::function<void(const assimilation::StepResult&)>& visit) {
   const ServedModel model = model_of(journal, project, setup);
-  engine::Engine engine(model.engine_setup());
+  assimilation::Engine engine(model.engine_setup());
   for (const JournalEntry& entry : counting_entries(journal, setup)) engine.add(entry.measurement.datum());
   const std::vector<std::size_t> steps(engine.stale().begin(), engine.stale().end());
   for (const std::size_t step : steps) {
     check_cancellation("a replay changes nothing");
-    engine::StepResult result = engine.conclude(step);
+    assimilation::StepResult result = engine.conclude(step);
     model.amend(result);
     visit(result);
   }
@@ -158,19 +158,19 @@ void replay_journal(const std::string& path, const std::string& project_path, bo
     return;
   }
   Opened opened = open_both(path, project_path);
-  engine::Engine engine = engine_of(opened);
+  assimilation::Engine engine = engine_of(opened);
   std::vector<std::size_t> steps(engine.stale().begin(), engine.stale().end()), untrusted;
   assimilation::RunVerdict run;
   if (!json && !steps.empty()) steps = {steps.back()};
   for (const std::size_t step : steps) {
     check_cancellation("a replay changes nothing");
-    engine::StepResult result = json ? engine.conclude(step) : engine.preview(step);
+    assimilation::StepResult result = json ? engine.conclude(step) : engine.preview(step);
     opened.model.amend(result);
     if (!result.update.trusted) untrusted.push_back(step);
     run.add(result.update.verdict);
     if (json) {
       fmt::print("{}\n",
-                 files::json_line(report::step_record(result, opened.model.setup.model.contents().axes)));
+                 files::json_line(record::step_record(result, opened.model.setup.model.contents().axes)));
     } else {
       fmt::print("after step {}: ", step);
       for (Eigen::Index k = 0; k < result.update.mean.size(); ++k)
@@ -183,7 +183,7 @@ void replay_journal(const std::string& path, const std::string& project_path, bo
   if (json) {
     const nlohmann::ordered_json last = {{"done", true},
                                          {"steps", steps.size()},
-                                         {"verdict", report::verdict_record(run.verdict())},
+                                         {"verdict", record::verdict_record(run.verdict())},
                                          {"untrusted", untrusted},
                                          {"elapsed_s", elapsed}};
     fmt::print("{}\n", files::json_line(last));

@@ -3,7 +3,7 @@
 #include <functional>
 #include <string>
 
-#include "knothe/engine/step_result.hpp"
+#include "knothe/assimilation/engine/step_result.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/update_setup.hpp"
 #include "knothe/service/journal/journal.hpp"
@@ -17,7 +17,7 @@ namespace knothe::service {
 /// data are not of its sensors or times; Interrupted.
 void for_each_result(const JournalReader& journal, const project::Project& project,
                      const project::UpdateSetup& setup,
-                     const std::function<void(const engine::StepResult&)>& visit);
+                     const std::function<void(const assimilation::StepResult&)>& visit);
 
 /// Verifies the journal; prints what it holds and, with the project, the posterior of every step (with `json`
 /// as the lines of `knothe assimilate --json`).

@@ -10,13 +10,13 @@
 
 namespace knothe::service {
 
-engine::EngineSetup ServedModel::engine_setup() const {
-  engine::EngineSetup engine = project::engine_setup(project, setup);
+assimilation::EngineSetup ServedModel::engine_setup() const {
+  assimilation::EngineSetup engine = project::engine_setup(project, setup);
   engine.model_version = verification.version;
   return engine;
 }
 
-void ServedModel::amend(engine::StepResult& result) const {
+void ServedModel::amend(assimilation::StepResult& result) const {
   const bool is_told = result.update.time >= verification.time;
   project::tell_what_was_asked(result.update.verdict, verification.runs,
                                is_told ? verification.trouble : std::string());

@@ -11,9 +11,9 @@ struct ServedModel {
   project::UpdateSetup setup;
   Verification verification;
 
-  [[nodiscard]] engine::EngineSetup engine_setup() const;
+  [[nodiscard]] assimilation::EngineSetup engine_setup() const;
   /// Says in a result what the full-order model left open.
-  void amend(engine::StepResult& result) const;
+  void amend(assimilation::StepResult& result) const;
 };
 
 /// The model of a journal (`journal`: its path), by the last verification of its logbook. `setup` is that of

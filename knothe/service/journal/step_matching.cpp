@@ -2,14 +2,14 @@
 
 #include <fmt/format.h>
 
-#include "knothe/assimilation/data/time_matching.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/likelihood/data/time_matching.hpp"
 
 namespace knothe::service {
 
 void match_step(JournalEntry& entry, std::span<const double> model_times, const std::string& journal) {
   Measurement& datum = entry.measurement;
-  const auto step = assimilation::matching_time(datum.time, model_times);
+  const auto step = likelihood::matching_time(datum.time, model_times);
   if (!step)
     throw DataError(
         fmt::format("{}: record {} (source \"{}\", session \"{}\", seq {}) is of time {}, which the model "

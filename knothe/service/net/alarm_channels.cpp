@@ -15,7 +15,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/monotonic_time.hpp"
 #include "knothe/files/json_line.hpp"
-#include "knothe/inference/http_connection.hpp"
+#include "knothe/model/forward/http_connection.hpp"
 #include "knothe/service/net/mqtt_client.hpp"
 
 extern char** environ;
@@ -29,10 +29,10 @@ constexpr std::chrono::milliseconds k_glance{20};
 class Webhook final : public AlarmChannel {
  public:
   explicit Webhook(const std::string& url)
-      : address_(inference::HttpAddress::parse(url)), slash_(url.ends_with("/") || address_.base.empty()) {}
+      : address_(model::HttpAddress::parse(url)), slash_(url.ends_with("/") || address_.base.empty()) {}
   [[nodiscard]] std::string name() const override { return "webhook"; }
   std::size_t send(std::span<const Json> alarms, const std::atomic<bool>&) override {
-    inference::HttpConnection connection(address_, k_patience, "webhook");
+    model::HttpConnection connection(address_, k_patience, "webhook");
     const int status = connection.post_for_status(slash_ ? "/" : "", files::json_line(alarms.front()));
     if (status < 200 || status > 299)
       throw DataError(fmt::format("{}:{} answered {}", address_.host, address_.port, status));
@@ -40,7 +40,7 @@ class Webhook final : public AlarmChannel {
   }
 
  private:
-  inference::HttpAddress address_;
+  model::HttpAddress address_;
   bool slash_;
 };
 

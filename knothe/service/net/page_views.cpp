@@ -9,9 +9,9 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/picture_bytes.hpp"
+#include "knothe/model/reduced/field_file.hpp"
+#include "knothe/model/reduced/model_matrices.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
-#include "knothe/reduction/model/field_file.hpp"
-#include "knothe/reduction/model/model_matrices.hpp"
 #include "knothe/service/journal/test_journals.hpp"
 
 namespace knothe::service {
@@ -23,8 +23,8 @@ Json triples(const std::vector<double>& flat) {
   return rows;
 }
 
-std::string units_of(const Site& site, const forecast::ForecastSpecification& specification) {
-  if (specification.quantity != forecast::ForecastSpecification::Quantity::output) return "m";
+std::string units_of(const Site& site, const assimilation::ForecastSpecification& specification) {
+  if (specification.quantity != assimilation::ForecastSpecification::Quantity::output) return "m";
   for (const auto& output : site.setup().model.contents().outputs)
     if (output.name == specification.output) return output.labels.units;
   return "";
@@ -69,10 +69,9 @@ files::Picture reduced(const files::Picture& picture, int width) {
 }
 
 /// Values at the nodes from a shift of the model's functions w: U C_t δw.
-std::vector<double> field_of_functions(const reduction::ModelContents& contents, std::size_t step,
+std::vector<double> field_of_functions(const model::ModelContents& contents, std::size_t step,
                                        const Eigen::VectorXd& functions) {
-  const Eigen::VectorXd at_dofs =
-      reduction::space_of(contents) * (reduction::core_of(contents, step) * functions);
+  const Eigen::VectorXd at_dofs = model::space_of(contents) * (model::core_of(contents, step) * functions);
   return {at_dofs.begin(), at_dofs.end()};
 }
 
@@ -120,7 +119,7 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
     Json entry = {{"name", specification.name},
                   {"quantity", to_text(specification.quantity)},
                   {"horizon", specification.horizon}};
-    const bool crack = specification.quantity == forecast::ForecastSpecification::Quantity::crack_length;
+    const bool crack = specification.quantity == assimilation::ForecastSpecification::Quantity::crack_length;
     if (specification.threshold || crack)
       entry["threshold"] = specification.threshold.value_or(specification.prior_mean);
     entry["units"] = units_of(site, specification);
@@ -128,8 +127,7 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
   }
   const bool on_nodes = contents.mesh && !contents.dofs.empty();
   Json fields = on_nodes ? Json{"displacement", "sensitivity", "residual"} : Json{"residual"};
-  if (project.method.update.bias_correction != assimilation::BiasCorrectionMode::off)
-    fields.push_back("bias");
+  if (project.method.update.bias_correction != likelihood::BiasCorrectionMode::off) fields.push_back("bias");
   const std::string run = site.identity().model.substr(0, 16) + site.identity().configuration.substr(0, 16) +
                           site.identity().sensors.substr(0, 16) + site.journal().id();
   Json answer = {{"run", run},
@@ -171,7 +169,7 @@ Json mesh(const Site& site) {
         std::vector<std::int64_t>(model_mesh->cells.begin() + static_cast<std::ptrdiff_t>(c * k),
                                   model_mesh->cells.begin() + static_cast<std::ptrdiff_t>((c + 1) * k)));
   Json sensors = Json::array();
-  const reduction::Sensors& places = site.setup().measurements.sensors;
+  const model::Sensors& places = site.setup().measurements.sensors;
   const Eigen::VectorXd std = site.setup().measurements.noise.measurement().standard_deviations();
   for (std::size_t i = 0; i < places.displacement_count(); ++i)
     sensors.push_back({{"x", places.point(i)[0]},
@@ -218,11 +216,11 @@ Json field(const Site& site, const std::string& name, const std::string& step, c
     throw RequestError(
         404, "NoField",
         fmt::format("there is no field \"{}\"; there are displacement, sensitivity, residual, bias", name));
-  const reduction::SeparatedModel& model = line->model->setup.model;
+  const model::SeparatedModel& model = line->model->setup.model;
   const auto& contents = model.contents();
   if (!contents.mesh || contents.dofs.empty()) throw RequestError(404, "NoMesh", "the model has no mesh");
   answer["location"] = "nodes";
-  const reduction::FieldOnMesh on_mesh(contents, "model");
+  const model::FieldOnMesh on_mesh(contents, "model");
   if (name == "bias") {
     const auto values = field_of_functions(contents, line->step, line->bias_functions);
     answer["values"] = triples(on_mesh.vectors(name, values).values);
@@ -262,7 +260,7 @@ std::string picture(Site& site, const std::string& step) {
 
 Json observations(const Site& site, const std::string& step) {
   const auto line = line_of(site, step);
-  const reduction::Sensors& sensors = site.setup().measurements.sensors;
+  const model::Sensors& sensors = site.setup().measurements.sensors;
   const std::size_t places = sensors.displacement_count();
   Json status = Json::array(), reason = Json::object(), scalars = Json::object();
   const std::vector<std::int64_t> off = site.logbook().off_at(line->step);

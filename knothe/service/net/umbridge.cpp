@@ -8,7 +8,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/json_text.hpp"
-#include "knothe/inference/separated_forward_model.hpp"
+#include "knothe/model/forward/separated_forward_model.hpp"
 
 namespace knothe::service {
 namespace {
@@ -225,9 +225,9 @@ Json UmBridge::apply_hessian(Call& call) {
 }
 
 void UmBridge::evaluate_forward(Call& call, int derivatives, const Eigen::VectorXd& sensitivity) {
-  const reduction::ObservedModel& observed = *call.models->model->setup.problem.model;
+  const model::ObservedModel& observed = *call.models->model->setup.problem.model;
   const Eigen::Index d = call.p.size(), m = observed.observations();
-  inference::SeparatedForwardModel model(observed, {call.step.value_or(observed.time.size() - 1)}, "forward");
+  model::SeparatedForwardModel model(observed, {call.step.value_or(observed.time.size() - 1)}, "forward");
   if (derivatives == 0) {
     Eigen::MatrixXd values(m, 1);
     model.evaluate(call.p, values);
@@ -262,14 +262,14 @@ void UmBridge::evaluate_posterior(Call& call, int derivatives) {
   auto& density = call.models->density;
   if (!density) {
     const auto& functions = call.models->model->setup.problem.model->functions;
-    reduction::FunctionBatch batch;
+    model::FunctionBatch batch;
     batch.resize(1, d, functions->count(), 0);
     functions->evaluate(site.centre().transpose(), 0, batch);
-    density = std::make_unique<assimilation::CollapsedLogDensity>(
-        functions, std::make_shared<const assimilation::PriorTransform>(priors), batch.value.row(0));
+    density = std::make_unique<likelihood::CollapsedLogDensity>(
+        functions, std::make_shared<const posterior::PriorTransform>(priors), batch.value.row(0));
   }
   density->set_form(*form);
-  sampling::LogDensityBatch batch;
+  posterior::LogDensityBatch batch;
   batch.resize(1, d, derivatives);
   density->evaluate_likelihood(call.p.transpose(), derivatives, batch);
   call.value[0] = log_prior + batch.value[0];
@@ -286,7 +286,7 @@ void UmBridge::evaluate_predict(Call& call) {
   const Site& site = *call.site;
   auto& forecaster = call.models->forecaster;
   if (!forecaster)
-    forecaster = std::make_unique<forecast::Forecaster>(
+    forecaster = std::make_unique<assimilation::Forecaster>(
         project::make_forecaster(site.project(), call.models->model->setup));
   const Eigen::MatrixXd point = call.p.transpose();
   const Eigen::VectorXd one = Eigen::VectorXd::Ones(1);

@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "knothe/assimilation/update/collapsed_posterior.hpp"
-#include "knothe/forecast/forecaster.hpp"
+#include "knothe/assimilation/forecast/forecaster.hpp"
+#include "knothe/likelihood/step/collapsed_posterior.hpp"
 #include "knothe/service/net/http_server.hpp"
 #include "knothe/service/site/served_site.hpp"
 
@@ -27,8 +27,8 @@ class UmBridge {
     std::weak_ptr<Site> site;                  ///< the test that the others are of
     std::shared_ptr<const ServedModel> model;  ///< and its model
     void use(std::shared_ptr<const ServedModel> other);
-    std::unique_ptr<assimilation::CollapsedLogDensity> density;
-    std::unique_ptr<forecast::Forecaster> forecaster;
+    std::unique_ptr<likelihood::CollapsedLogDensity> density;
+    std::unique_ptr<assimilation::Forecaster> forecaster;
   };
   struct Call;
   Json respond(const HttpRequest& request);

@@ -11,13 +11,13 @@
 #include <limits>
 #include <utility>
 
-#include "knothe/assimilation/data/measurements_csv.hpp"
-#include "knothe/assimilation/data/time_matching.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/files/csv.hpp"
 #include "knothe/files/picture.hpp"
 #include "knothe/imaging/series/picture_folder.hpp"
+#include "knothe/likelihood/data/measurements_csv.hpp"
+#include "knothe/likelihood/data/time_matching.hpp"
 #include "knothe/service/site/log.hpp"
 
 namespace knothe::service {
@@ -51,7 +51,7 @@ bool is_table(const std::string& name) {
 }
 
 /// Point and component of a sensor.
-std::array<double, 4> key_of(const reduction::Sensors& sensors, std::size_t i) {
+std::array<double, 4> key_of(const model::Sensors& sensors, std::size_t i) {
   const auto at = sensors.point(i);
   return {at[0], at[1], at[2], static_cast<double>(sensors.components[i])};
 }
@@ -81,7 +81,7 @@ FolderWatch::FolderWatch(std::shared_ptr<Site> site)
     pictures_.emplace(options.watch_pictures, options.settle, is_live_picture);
   if (!options.watch_csv.empty()) tables_.emplace(options.watch_csv, options.settle, is_table);
   const project::UpdateSetup& setup = site_->setup();
-  const reduction::Sensors& sensors = setup.measurements.sensors;
+  const model::Sensors& sensors = setup.measurements.sensors;
   for (std::size_t i = 0; i < sensors.displacement_count(); ++i) sensor_at_[key_of(sensors, i)] = i;
   thread_ = std::thread([this] { run(); });
 }
@@ -210,7 +210,7 @@ FolderWatch::StoreOutcome FolderWatch::ingest_table(const std::string& name) {
   std::vector<Measurement> data;
   try {
     require_size(tables_->path(name), k_largest_table);
-    const assimilation::Measurements table = assimilation::read_measurements_csv(tables_->path(name));
+    const likelihood::Measurements table = likelihood::read_measurements_csv(tables_->path(name));
     std::vector<std::size_t> place;
     for (std::size_t i = 0; i < table.sensors.displacement_count(); ++i) {
       const auto at = key_of(table.sensors, i);
@@ -230,7 +230,7 @@ FolderWatch::StoreOutcome FolderWatch::ingest_table(const std::string& name) {
       if (!among(scalars, series) && !among(unused, series))
         throw DataError(
             fmt::format("{}: this site does not take \"{}\"{}", name, series, did_you_mean(series, scalars)));
-    const auto steps = assimilation::match_times(table.time, site_->setup().problem.model->time, name);
+    const auto steps = likelihood::match_times(table.time, site_->setup().problem.model->time, name);
     const auto sensors = static_cast<std::size_t>(site_->setup().measurements.observation_count());
     for (std::size_t t = 0; t < steps.size(); ++t) {
       Measurement measurement;

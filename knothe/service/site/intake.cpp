@@ -8,8 +8,8 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
-#include "knothe/assimilation/data/time_matching.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/likelihood/data/time_matching.hpp"
 #include "knothe/service/journal/noise_bytes.hpp"
 #include "knothe/service/site/log.hpp"
 
@@ -54,7 +54,7 @@ Intake::Measured Intake::measure(const PictureStamp& stamp, const files::Picture
 
 std::optional<std::size_t> Intake::step_of(double time) const {
   try {
-    return assimilation::match_times({&time, 1}, site_->setup().problem.model->time, "the picture")[0];
+    return likelihood::match_times({&time, 1}, site_->setup().problem.model->time, "the picture")[0];
   } catch (const DataError&) {
     return std::nullopt;  // it will be refused
   }
@@ -69,7 +69,7 @@ Eigen::VectorXd Intake::increment_to(std::optional<std::size_t> step) {
   }
   const auto line = site_->lines().line(*before);
   if (!line) return {};
-  const reduction::ObservedModel& model = *site_->setup().problem.model;
+  const model::ObservedModel& model = *site_->setup().problem.model;
   return model.predict(line->mean, *step) - model.predict(line->mean, *last);
 }
 
@@ -78,7 +78,7 @@ Intake::StoreOutcome Intake::store(Measurement measurement, const std::string& n
   auto answer = promise->get_future();
   try {
     // What no request can name could never be withdrawn or released.
-    const assimilation::DatumKey& key = measurement.key;
+    const likelihood::DatumKey& key = measurement.key;
     (void)parse_json_key(Json{{"source", key.source}, {"session", key.session}, {"seq", key.seq}}.dump());
     site_->journal().ingest(std::move(measurement),
                             [promise](const JournalWriter::Answer& stored) { promise->set_value(stored); });

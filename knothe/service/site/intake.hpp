@@ -18,7 +18,7 @@ class Intake {
   /// What became of a datum: stored (or refused for good), or to be tried again.
   enum class StoreOutcome { done, again };
   struct PictureStamp {
-    assimilation::DatumKey key;
+    likelihood::DatumKey key;
     double time = 0;   ///< of the model
     std::string name;  ///< in messages
   };

@@ -9,8 +9,8 @@
 #include <future>
 #include <nlohmann/json.hpp>
 
-#include "knothe/assimilation/data/time_matching.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/likelihood/data/time_matching.hpp"
 #include "knothe/project/update_setup.hpp"
 #include "knothe/service/journal/sqlite.hpp"
 #include "knothe/service/journal/step_matching.hpp"
@@ -24,7 +24,7 @@ constexpr std::size_t k_longest_queue = 4096;  // then 503: memory is finite
 constexpr double k_largest_value = 1e60;       // in standard deviations: its square must not overflow
 
 /// What stands behind the displacements, in words.
-std::string scalars_last(const reduction::Sensors& sensors) {
+std::string scalars_last(const model::Sensors& sensors) {
   if (sensors.scalars.empty()) return "";
   return fmt::format(": {} displacements, then {}", sensors.displacement_count(),
                      fmt::join(sensors.scalars, ", "));
@@ -37,7 +37,7 @@ bool same_values(const Measurement& a, const Measurement& b) {
                     [](double x, double y) { return x == y || (std::isnan(x) && std::isnan(y)); });
 }
 
-std::string units_of(const reduction::Sensors& sensors, std::size_t i) {
+std::string units_of(const model::Sensors& sensors, std::size_t i) {
   return i < sensors.displacement_count() ? "values are in metres"
                                           : "of " + sensors.scalars[i - sensors.displacement_count()];
 }
@@ -153,7 +153,7 @@ void JournalWriter::count(const std::string& outcome) {
   metrics_.count("knothe_measurements_total", site_labels(options_.site, "outcome=\"" + outcome + "\""));
 }
 
-bool JournalWriter::holds(const assimilation::DatumKey& key) const {
+bool JournalWriter::holds(const likelihood::DatumKey& key) const {
   const std::lock_guard lock(mutex_);
   return from_folders_.contains(key);
 }
@@ -187,17 +187,17 @@ void JournalWriter::replay() {
   const auto start = monotonic_now();
   std::vector<Arrival> past;
   std::vector<JournalEntry> held;
-  std::set<assimilation::DatumKey> from_folders;
+  std::set<likelihood::DatumKey> from_folders;
   std::optional<Measurement> last_frame;
   journal_.for_each([&](JournalEntry entry) {
-    const assimilation::DatumKey& key = entry.measurement.key;
+    const likelihood::DatumKey& key = entry.measurement.key;
     if (key.source == k_camera_source && (!last_frame || last_frame->time < entry.measurement.time))
       last_frame = {key, entry.measurement.time, {}, {}, {}, 0, entry.measurement.received_ms};
     // Of a withdrawn datum too: its file is still there, and would bring it back.
     if (key.source == k_pictures_source || key.source == k_csv_source) from_folders.insert(key);
     if (entry.withdrawn) {
       // Readers may still have the line that it once gave, if it was one of this model.
-      const auto step = assimilation::matching_time(entry.measurement.time, setup_.problem.model->time);
+      const auto step = likelihood::matching_time(entry.measurement.time, setup_.problem.model->time);
       if (!step) return;
       entry.measurement.step = static_cast<std::int64_t>(*step);
       past.push_back({entry.measurement, start, Arrival::Kind::withdrawn});
@@ -269,18 +269,18 @@ void JournalWriter::ingest(Measurement datum, std::function<void(Answer)> done) 
   check_values(datum);
   try {
     datum.step = static_cast<std::int64_t>(
-        assimilation::match_times({&datum.time, 1}, setup_.problem.model->time, "the datum")[0]);
+        likelihood::match_times({&datum.time, 1}, setup_.problem.model->time, "the datum")[0]);
   } catch (const DataError& error) {
     throw RequestError(400, "UnknownTime", error.what());
   }
   enqueue({std::move(datum), std::move(done), monotonic_now()});
 }
 
-void JournalWriter::release(assimilation::DatumKey key, std::function<void(Answer)> done) {
+void JournalWriter::release(likelihood::DatumKey key, std::function<void(Answer)> done) {
   enqueue({Release{std::move(key)}, std::move(done), monotonic_now()});
 }
 
-void JournalWriter::withdraw(assimilation::DatumKey key, std::function<void(Answer)> done) {
+void JournalWriter::withdraw(likelihood::DatumKey key, std::function<void(Answer)> done) {
   enqueue({Withdrawal{std::move(key)}, std::move(done), monotonic_now()});
 }
 
@@ -493,13 +493,13 @@ JournalWriter::Answer JournalWriter::write(const Release& release, MonotonicTime
 }
 
 JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, MonotonicTime at, Written& written) {
-  const assimilation::DatumKey& key = withdrawal.key;
+  const likelihood::DatumKey& key = withdrawal.key;
   auto entry = journal_.withdraw(key);
   if (!entry)
     return RequestError(404, "UnknownDatum",
                         fmt::format("there is no datum of source \"{}\", session \"{}\", seq {}", key.source,
                                     key.session, key.seq));
-  if (const auto step = assimilation::matching_time(entry->measurement.time, setup_.problem.model->time))
+  if (const auto step = likelihood::matching_time(entry->measurement.time, setup_.problem.model->time))
     entry->measurement.step = static_cast<std::int64_t>(*step);
   if (!entry->withdrawn) {
     if (entry->counts()) written.arrivals.push_back({entry->measurement, at, Arrival::Kind::withdrawn});
@@ -548,7 +548,7 @@ RequestError JournalWriter::refusal_after(const LogbookEntry& end) {
 
 /// The places that a datum is late are the data of its session that should have come after it and came
 /// before: one wrong seq, however far ahead, is one of them.
-void JournalWriter::count_seq(const assimilation::DatumKey& key) {
+void JournalWriter::count_seq(const likelihood::DatumKey& key) {
   auto& largest = largest_seqs_[{key.source, key.session}];
   largest.insert(std::upper_bound(largest.begin(), largest.end(), key.seq, std::greater<>()), key.seq);
   if (largest.size() > static_cast<std::size_t>(options_.window) + 1) largest.pop_back();

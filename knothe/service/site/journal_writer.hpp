@@ -12,8 +12,8 @@
 #include <variant>
 #include <vector>
 
-#include "knothe/assimilation/data/plausible_range.hpp"
 #include "knothe/base/monotonic_time.hpp"
+#include "knothe/likelihood/data/plausible_range.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/update_setup.hpp"
 #include "knothe/service/journal/journal.hpp"
@@ -101,15 +101,15 @@ class JournalWriter {
   /// is not going to be). RequestError for what is wrong with it.
   void ingest(Measurement datum, std::function<void(Answer)> done);
   /// Lets a quarantined datum in. The same.
-  void release(assimilation::DatumKey key, std::function<void(Answer)> done);
+  void release(likelihood::DatumKey key, std::function<void(Answer)> done);
   /// Takes a datum out. The same.
-  void withdraw(assimilation::DatumKey key, std::function<void(Answer)> done);
+  void withdraw(likelihood::DatumKey key, std::function<void(Answer)> done);
   /// Writes an entry into the logbook. The same.
   void enter(LogbookEntry entry, std::function<void(Answer)> done);
   /// The same, and waits until it is on disk: as it is there. RequestError where it is not.
   LogbookEntry enter(LogbookEntry entry);
   /// Whether a datum that came from a watched folder is in the journal.
-  [[nodiscard]] bool holds(const assimilation::DatumKey& key) const;
+  [[nodiscard]] bool holds(const likelihood::DatumKey& key) const;
   /// The last datum of a camera that was in the journal at the start, without its values.
   [[nodiscard]] std::optional<Measurement> last_frame() const;
   void count(const std::string& outcome);  ///< of a request that did not get so far: "malformed"
@@ -118,10 +118,10 @@ class JournalWriter {
 
  private:
   struct Release {
-    assimilation::DatumKey key;
+    likelihood::DatumKey key;
   };
   struct Withdrawal {
-    assimilation::DatumKey key;
+    likelihood::DatumKey key;
   };
   struct Request {
     std::variant<Measurement, Release, Withdrawal, LogbookEntry> what;
@@ -140,7 +140,7 @@ class JournalWriter {
     std::vector<Arrival> arrivals;
     std::vector<JournalEntry> quarantined;
     std::vector<JournalEntry> no_longer_quarantined;
-    std::vector<assimilation::DatumKey> from_folders;
+    std::vector<likelihood::DatumKey> from_folders;
     std::vector<Measurement> withdrawn;
     std::vector<LogbookEntry> entries;
   };
@@ -162,7 +162,7 @@ class JournalWriter {
   const project::ServeOptions& options_;
   const project::UpdateSetup& setup_;
   Eigen::VectorXd sensor_std_;
-  assimilation::PlausibleRange limits_;
+  likelihood::PlausibleRange limits_;
   Metrics& metrics_;
   Listener listener_;
   Journal journal_;  ///< of the thread
@@ -171,7 +171,7 @@ class JournalWriter {
   /// Of the thread, by source and session: the largest seqs, one more than may come late, the largest first.
   using LargestSeqs = std::map<std::pair<std::string, std::string>, std::vector<std::int64_t>>;
   LargestSeqs largest_seqs_;
-  void count_seq(const assimilation::DatumKey& key);
+  void count_seq(const likelihood::DatumKey& key);
   SensorSwitches switches_;  ///< of the thread
   TestCourse course_;        ///< of the thread
   void follow(const LogbookEntry& entry);
@@ -184,7 +184,7 @@ class JournalWriter {
   std::string trouble_;  ///< why nothing can be written; empty: it can
   std::vector<JournalEntry> quarantine_;
   std::map<std::string, std::int64_t> outcomes_;
-  std::set<assimilation::DatumKey> from_folders_;
+  std::set<likelihood::DatumKey> from_folders_;
   std::optional<Measurement> last_frame_;
 
   std::thread thread_;

@@ -12,7 +12,7 @@ namespace {
 constexpr Eigen::Index k_samples = 400;
 
 /// Draws in the middle of equal shares of the weight: the same every time.
-Eigen::MatrixXd systematic_draws(const assimilation::Posterior& posterior) {
+Eigen::MatrixXd systematic_draws(const posterior::Posterior& posterior) {
   const Eigen::Index n = std::min(k_samples, posterior.points.rows());
   Eigen::MatrixXd drawn(n, posterior.points.cols());
   const double share = posterior.weights.sum() / static_cast<double>(n);
@@ -33,8 +33,8 @@ std::string message_of(const assimilation::Verdict& verdict) {
 
 }  // namespace
 
-std::shared_ptr<Line> make_line(const engine::StepResult& step, std::shared_ptr<const ServedModel> model,
-                                const Eigen::VectorXd& values) {
+std::shared_ptr<Line> make_line(const assimilation::StepResult& step,
+                                std::shared_ptr<const ServedModel> model, const Eigen::VectorXd& values) {
   const project::UpdateSetup& setup = model->setup;
   const assimilation::UpdateResult& result = step.update;
   auto line = std::make_shared<Line>();
@@ -61,7 +61,7 @@ std::shared_ptr<Line> make_line(const engine::StepResult& step, std::shared_ptr<
     line->missing.push_back(std::isnan(line->residual[i]));
     if (line->missing.back()) line->residual[i] = 0;
   }
-  for (const forecast::NamedForecast& named : step.forecasts)
+  for (const assimilation::NamedForecast& named : step.forecasts)
     line->above_threshold[named.name] = named.forecast.probability_above_threshold;
   line->model = std::move(model);
   return line;

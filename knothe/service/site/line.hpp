@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "knothe/engine/step_result.hpp"
+#include "knothe/assimilation/engine/step_result.hpp"
 #include "knothe/service/journal/served_model.hpp"
 #include "knothe/service/site/log.hpp"
 
@@ -47,7 +47,7 @@ struct Line {
 [[nodiscard]] Json misfit_record(const assimilation::Misfit& misfit);
 
 /// The line of a result, without event and JSON; `values` are those of the step's last datum (NaN: missing).
-[[nodiscard]] std::shared_ptr<Line> make_line(const engine::StepResult& step,
+[[nodiscard]] std::shared_ptr<Line> make_line(const assimilation::StepResult& step,
                                               std::shared_ptr<const ServedModel> model,
                                               const Eigen::VectorXd& values);
 

@@ -9,7 +9,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/json_line.hpp"
-#include "knothe/report/results/step_record.hpp"
+#include "knothe/record/step_record.hpp"
 #include "knothe/service/journal/test_journals.hpp"
 
 namespace knothe::service {
@@ -76,7 +76,7 @@ void Site::restore_model() {
     alarms_.raise(0, "alarm", "journal", trouble);
     model_ = std::make_shared<const ServedModel>(ServedModel{project_, setup_, own});
   }
-  engine_ = std::make_unique<engine::Engine>(model_->engine_setup());
+  engine_ = std::make_unique<assimilation::Engine>(model_->engine_setup());
   verification_ = model_->verification;
   priors_ = engine_->priors();
   centre_ = engine_->centre();
@@ -243,7 +243,7 @@ void Site::apply_arrivals(const std::vector<Arrival>& arrivals) {
 void Site::add(const Measurement& measurement) {
   if (measurement.step < 0 || static_cast<std::size_t>(measurement.step) >= setup_.problem.model->time.size())
     throw DataError(fmt::format("step {} is not one of this model", measurement.step));
-  const auto datum = std::make_shared<const assimilation::Datum>(measurement.datum());
+  const auto datum = std::make_shared<const likelihood::Datum>(measurement.datum());
   const std::lock_guard lock(engine_mutex_);
   const auto start = monotonic_now();
   engine_->add(datum);
@@ -265,7 +265,7 @@ bool Site::remove(const Measurement& measurement) {
   if (engine_->withdraw(step, measurement.key)) {
     if (verifier_)
       verifier_->note(
-          {std::make_shared<const assimilation::Datum>(assimilation::Datum{measurement.key, step, 0, {}, {}}),
+          {std::make_shared<const likelihood::Datum>(likelihood::Datum{measurement.key, step, 0, {}, {}}),
            false});
     auto& received = received_ms_.at(step);
     received.erase(received.find(measurement.received_ms));
@@ -310,7 +310,7 @@ void Site::conclude(std::size_t step, bool preview) {
   try {
     // Sums of steps are brought up to date here: who reads them (`form_up_to`) waits for one update.
     const std::lock_guard lock(engine_mutex_);
-    engine::StepResult result = preview ? engine_->preview(step) : engine_->conclude(step);
+    assimilation::StepResult result = preview ? engine_->preview(step) : engine_->conclude(step);
     model_->amend(result);
     if (const auto added = adding_us_.extract(step)) result.update.elapsed_us.projection += added.mapped();
     observe_phases(result);
@@ -340,7 +340,7 @@ void Site::publish(std::shared_ptr<Line> line, bool judged) {
   lines_.publish(std::move(line));
 }
 
-void Site::observe_phases(const engine::StepResult& step) {
+void Site::observe_phases(const assimilation::StepResult& step) {
   const auto& elapsed = step.update.elapsed_us;
   for (const auto& [phase, us] : {std::pair{"projection", elapsed.projection},
                                   {"map", elapsed.map},
@@ -349,13 +349,13 @@ void Site::observe_phases(const engine::StepResult& step) {
     metrics_.observe("knothe_phase_seconds", labels(fmt::format("phase=\"{}\"", phase)), 1e-6 * us);
 }
 
-std::shared_ptr<Line> Site::line_of(const engine::StepResult& step,
+std::shared_ptr<Line> Site::line_of(const assimilation::StepResult& step,
                                     std::shared_ptr<const ServedModel> model) {
   const assimilation::UpdateResult& result = step.update;
   auto line = make_line(step, std::move(model), engine_->data().last(result.step)->values);
   for (const std::int64_t sensor : logbook_.off_at(result.step))  // that it is silent is no news
     std::erase(line->absent, static_cast<Eigen::Index>(sensor));
-  Json record = report::step_record(step, setup_.model.contents().axes);
+  Json record = record::step_record(step, setup_.model.contents().axes);
   metrics_.set("knothe_effective_sample_size_ratio", labels(), result.effective_sample_size);
   metrics_.set("knothe_log_evidence", labels(), result.log_evidence);
   record["site"] = name();
@@ -463,7 +463,7 @@ double Site::time_of(std::optional<std::int64_t> step) const {
 }
 
 std::int64_t Site::sensor_of(const EntryRequest& request) const {
-  const reduction::Sensors& sensors = setup_.measurements.sensors;
+  const model::Sensors& sensors = setup_.measurements.sensors;
   const auto count = static_cast<std::int64_t>(sensors.displacement_count() + sensors.scalars.size());
   if (request.sensor_index && *request.sensor_index < count) return *request.sensor_index;
   for (std::size_t i = 0; !request.sensor_name.empty() && i < sensors.scalars.size(); ++i)

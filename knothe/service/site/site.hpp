@@ -62,12 +62,12 @@ class Site : public SiteFacts {
   /// The model that is used now.
   [[nodiscard]] std::shared_ptr<const ServedModel> model() const;
   /// Truncated to the model's box, and their medians.
-  [[nodiscard]] const std::vector<assimilation::Prior>& priors() const { return priors_; }
+  [[nodiscard]] const std::vector<posterior::Prior>& priors() const { return priors_; }
   [[nodiscard]] const Eigen::VectorXd& centre() const { return centre_; }
   /// `Engine::form_up_to`, with the model that it is of.
   struct Form {
     std::shared_ptr<const ServedModel> model;
-    std::optional<assimilation::StepForm> form;
+    std::optional<likelihood::StepForm> form;
   };
   [[nodiscard]] Form form_up_to(std::size_t step);
 
@@ -86,9 +86,9 @@ class Site : public SiteFacts {
   void conclude(std::size_t step, bool preview);
   void conclude_next();
   void publish(std::shared_ptr<Line> line, bool judged);
-  [[nodiscard]] std::shared_ptr<Line> line_of(const engine::StepResult& result,
+  [[nodiscard]] std::shared_ptr<Line> line_of(const assimilation::StepResult& result,
                                               std::shared_ptr<const ServedModel> model);
-  void observe_phases(const engine::StepResult& result);
+  void observe_phases(const assimilation::StepResult& result);
   void check_delays();
   void restore_model();
   void ask_full_order_model();
@@ -101,10 +101,10 @@ class Site : public SiteFacts {
   SiteSettings settings_;
   Metrics& metrics_;
   JournalWriter journal_;
-  std::shared_ptr<const ServedModel> model_;  ///< changed by the updating thread, under engine_mutex_
-  std::unique_ptr<engine::Engine> engine_;    ///< the same; of `model_`
+  std::shared_ptr<const ServedModel> model_;      ///< changed by the updating thread, under engine_mutex_
+  std::unique_ptr<assimilation::Engine> engine_;  ///< the same; of `model_`
   mutable std::mutex engine_mutex_;
-  std::vector<assimilation::Prior> priors_;
+  std::vector<posterior::Prior> priors_;
   Eigen::VectorXd centre_;
   std::map<std::size_t, std::multiset<std::int64_t>> received_ms_;  ///< when a step's data arrived, Unix time
   std::map<std::size_t, double>

@@ -72,7 +72,7 @@ void SiteAlarms::update_conditions(const Line& line) {
                           const std::string& message) {
     update_condition(condition, line.step, severity, kind, message);
   };
-  for (const forecast::ForecastSpecification& specification : forecasts_) {
+  for (const assimilation::ForecastSpecification& specification : forecasts_) {
     const auto it = line.above_threshold.find(specification.name);
     if (it == line.above_threshold.end() || !specification.threshold) continue;
     const double p = it->second;

@@ -22,7 +22,7 @@ class SiteAlarms {
 
   /// Ids are taken from `next_event`, which lines share. `store` is called for each alarm, and for the end of
   /// each condition.
-  SiteAlarms(const std::vector<forecast::ForecastSpecification>& forecasts,
+  SiteAlarms(const std::vector<assimilation::ForecastSpecification>& forecasts,
              std::atomic<std::int64_t>& next_event, std::function<void(const Alarm&)> store)
       : forecasts_(forecasts), next_event_(next_event), store_(std::move(store)) {}
 
@@ -49,7 +49,7 @@ class SiteAlarms {
   void add(Alarm alarm);  ///< mutex_ held
   void drop_one();
 
-  const std::vector<forecast::ForecastSpecification>& forecasts_;
+  const std::vector<assimilation::ForecastSpecification>& forecasts_;
   std::atomic<std::int64_t>& next_event_;
   std::function<void(const Alarm&)> store_;
   mutable std::mutex mutex_;

@@ -16,7 +16,7 @@ std::string without_time(const Alarm& alarm) {
 
 TEST(SiteAlarms, AConditionIsToldWhenItBeginsAndIdsAreSharedWithLines) {
   std::atomic<std::int64_t> next_event{7};
-  std::vector<forecast::ForecastSpecification> forecasts(1);
+  std::vector<assimilation::ForecastSpecification> forecasts(1);
   forecasts[0].name = "opening", forecasts[0].threshold = 1;
   SiteAlarms alarms(forecasts, next_event, [](const Alarm&) {});
   Line line;
@@ -40,7 +40,7 @@ TEST(SiteAlarms, AConditionIsToldWhenItBeginsAndIdsAreSharedWithLines) {
 
 TEST(SiteAlarms, ALoosePlugDoesNotPushOutWhatTheStructureHadToSay) {
   std::atomic<std::int64_t> next_event{1};
-  const std::vector<forecast::ForecastSpecification> forecasts;
+  const std::vector<assimilation::ForecastSpecification> forecasts;
   std::vector<Alarm> kept;
   SiteAlarms alarms(forecasts, next_event, [&](const Alarm& alarm) { kept.push_back(alarm); });
   alarms.raise(0, "alarm", "verdict", "reject");
@@ -61,7 +61,7 @@ TEST(SiteAlarms, ALoosePlugDoesNotPushOutWhatTheStructureHadToSay) {
 
 TEST(SiteAlarms, TheVerdictIsToldWhenItsLevelChangesForTheWorse) {
   std::atomic<std::int64_t> next_event{1};
-  const std::vector<forecast::ForecastSpecification> forecasts;
+  const std::vector<assimilation::ForecastSpecification> forecasts;
   SiteAlarms alarms(forecasts, next_event, [](const Alarm&) {});
   Line line;
   using Level = assimilation::VerdictLevel;
@@ -83,7 +83,7 @@ TEST(SiteAlarms, TheVerdictIsToldWhenItsLevelChangesForTheWorse) {
 
 TEST(SiteAlarms, WhatHeldBeforeARestartIsNotToldAgain) {
   std::atomic<std::int64_t> next_event{1};
-  const std::vector<forecast::ForecastSpecification> forecasts;
+  const std::vector<assimilation::ForecastSpecification> forecasts;
   std::vector<Alarm> kept;
   const auto store = [&](const Alarm& alarm) { kept.push_back(alarm); };
   Line line;
@@ -107,7 +107,7 @@ TEST(SiteAlarms, WhatHeldBeforeARestartIsNotToldAgain) {
 
 TEST(SiteAlarms, TheLast256AreKept) {
   std::atomic<std::int64_t> next_event{1};
-  const std::vector<forecast::ForecastSpecification> forecasts;
+  const std::vector<assimilation::ForecastSpecification> forecasts;
   SiteAlarms alarms(forecasts, next_event, [](const Alarm&) {});
   for (int i = 0; i < 300; ++i) alarms.raise(0, "info", "trust", "");
   EXPECT_EQ(alarms.after(0).size(), 256U);

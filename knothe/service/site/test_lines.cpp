@@ -6,7 +6,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/json_line.hpp"
-#include "knothe/report/results/step_record.hpp"
+#include "knothe/record/step_record.hpp"
 #include "knothe/service/journal/replay.hpp"
 #include "knothe/service/journal/test_journals.hpp"
 
@@ -40,9 +40,9 @@ std::string TestLines::lines_of(const ServedSite& served, const std::string& tes
       throw DataError("its data are of other sensors than those of the test that runs");
     if (const std::string now = fingerprint(journal, site->identity()); kept.of != now) {
       kept = {};
-      for_each_result(journal, site->project(), site->setup(), [&](const engine::StepResult& result) {
+      for_each_result(journal, site->project(), site->setup(), [&](const assimilation::StepResult& result) {
         if (stopping_) throw RequestError(503, "NotReady", "the service is stopping");
-        Json line = report::step_record(result, site->setup().model.contents().axes);
+        Json line = record::step_record(result, site->setup().model.contents().axes);
         line.erase("marginals");
         for (auto& forecast : line["forecast"]) forecast.erase("density");
         kept.lines.emplace_back(result.update.step, files::json_line(line));

@@ -9,9 +9,9 @@
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/sha256.hpp"
+#include "knothe/model/simulator/kept_solutions.hpp"
 #include "knothe/project/refinement.hpp"
 #include "knothe/service/site/log.hpp"
-#include "knothe/simulator/kept_solutions.hpp"
 
 namespace knothe::service {
 namespace {
@@ -19,17 +19,17 @@ namespace {
 constexpr int k_nice = 10;                     // of the thread, and of the solvers that it starts
 constexpr std::size_t k_results_at_once = 64;  // what waits to be shown: memory is finite
 
-std::unique_ptr<engine::Engine> engine_of(const ServedModel& model, const assimilation::DataSet& data) {
-  auto engine = std::make_unique<engine::Engine>(model.engine_setup());
+std::unique_ptr<assimilation::Engine> engine_of(const ServedModel& model, const likelihood::DataSet& data) {
+  auto engine = std::make_unique<assimilation::Engine>(model.engine_setup());
   std::vector<DataChange> changes;
-  for (const assimilation::DatumPointer& datum : data.all()) changes.push_back({datum, true});
+  for (const likelihood::DatumPointer& datum : data.all()) changes.push_back({datum, true});
   apply_changes(changes, *engine);
   return engine;
 }
 
 }  // namespace
 
-void apply_changes(const std::vector<DataChange>& changes, engine::Engine& engine) {
+void apply_changes(const std::vector<DataChange>& changes, assimilation::Engine& engine) {
   for (const auto& [datum, comes] : changes) {
     try {
       comes ? engine.add(datum) : (void)engine.withdraw(datum->step, datum->key);
@@ -109,7 +109,7 @@ std::optional<Verifier::Handover> Verifier::handover() {
   return std::exchange(handover_, std::nullopt);
 }
 
-void Verifier::discard(std::unique_ptr<engine::Engine> engine) {
+void Verifier::discard(std::unique_ptr<assimilation::Engine> engine) {
   {
     const std::lock_guard lock(mutex_);
     discarded_ = std::move(engine);
@@ -121,7 +121,7 @@ void Verifier::run() {
   // Of this thread alone, in Linux; what it starts has it too.
   (void)::setpriority(PRIO_PROCESS, 0, k_nice);
   while (true) {
-    std::unique_ptr<engine::Engine> discarded;
+    std::unique_ptr<assimilation::Engine> discarded;
     std::optional<Question> question;
     {
       std::unique_lock lock(mutex_);
@@ -169,9 +169,9 @@ std::shared_ptr<const ServedModel> Verifier::refine(const Question& question) {
   v.trouble.clear();
   try {
     auto engine = engine_of(*question.model, question.data);
-    engine::StepResult result = engine->conclude(question.step);
+    assimilation::StepResult result = engine->conclude(question.step);
     auto simulator = project::full_order_simulator(project_, folder, stop_.get_token());
-    project::RefinementStart start{simulator::kept_solutions(*simulator, folder), v.runs, v.version, true};
+    project::RefinementStart start{model::kept_solutions(*simulator, folder), v.runs, v.version, true};
     start.used = std::min(start.used, start.solutions.size());
     project::Refinement refinement(project_, question.model->setup.pictures, std::move(simulator), folder,
                                    std::move(start));
@@ -202,7 +202,7 @@ std::shared_ptr<const ServedModel> Verifier::refine(const Question& question) {
 
 /// Assimilates what has come meanwhile, and shows every step as this model sees it, until nothing is left
 /// that would cost the updating thread time.
-void Verifier::hand_over(std::unique_ptr<engine::Engine> engine,
+void Verifier::hand_over(std::unique_ptr<assimilation::Engine> engine,
                          const std::shared_ptr<const ServedModel>& model) {
   while (true) {
     std::vector<DataChange> changes;
@@ -215,7 +215,7 @@ void Verifier::hand_over(std::unique_ptr<engine::Engine> engine,
     if (stopping()) return;
     const std::size_t step = *engine->stale().begin();
     try {
-      engine::StepResult result = engine->conclude(step);
+      assimilation::StepResult result = engine->conclude(step);
       model->amend(result);
       show({std::move(result), model});
     } catch (const Error& error) {

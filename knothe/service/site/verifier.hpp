@@ -20,29 +20,29 @@ namespace knothe::service {
 
 /// A datum that came or went.
 struct DataChange {
-  assimilation::DatumPointer datum;  ///< of one that went, its key and step
+  likelihood::DatumPointer datum;  ///< of one that went, its key and step
   bool comes = true;
 };
 /// What cannot be assimilated is said in the log.
-void apply_changes(const std::vector<DataChange>& changes, engine::Engine& engine);
+void apply_changes(const std::vector<DataChange>& changes, assimilation::Engine& engine);
 
 /// The updating thread asks, notes what changes, and takes what there is; all else is done by the thread.
 class Verifier {
  public:
   struct Question {
-    assimilation::DataSet data;
+    likelihood::DataSet data;
     std::size_t step = 0;  ///< whose posterior it is about: the last
     bool thorough = false;
     std::shared_ptr<const ServedModel> model;  ///< that is used
   };
   /// A step's result by the new model, to be shown in place of the one there was.
   struct Result {
-    engine::StepResult result;
+    assimilation::StepResult result;
     std::shared_ptr<const ServedModel> model;
   };
   /// What is used from now on, with all data but the changes that are left; their steps alone are stale.
   struct Handover {
-    std::unique_ptr<engine::Engine> engine;
+    std::unique_ptr<assimilation::Engine> engine;
     std::shared_ptr<const ServedModel> model;
     std::vector<DataChange> changes;
   };
@@ -68,13 +68,14 @@ class Verifier {
   [[nodiscard]] std::optional<Result> next_result();
   [[nodiscard]] std::optional<Handover> handover();
   /// Destroys an engine that is no longer needed.
-  void discard(std::unique_ptr<engine::Engine> engine);
+  void discard(std::unique_ptr<assimilation::Engine> engine);
 
  private:
   void run();
   void answer(const Question& question);
   [[nodiscard]] std::shared_ptr<const ServedModel> refine(const Question& question);
-  void hand_over(std::unique_ptr<engine::Engine> engine, const std::shared_ptr<const ServedModel>& model);
+  void hand_over(std::unique_ptr<assimilation::Engine> engine,
+                 const std::shared_ptr<const ServedModel>& model);
   void show(Result result);
   [[nodiscard]] bool stopping() const;
 
@@ -89,7 +90,7 @@ class Verifier {
   std::vector<DataChange> changes_;  ///< since it was asked, not applied yet
   std::deque<Result> results_;
   std::optional<Handover> handover_;
-  std::unique_ptr<engine::Engine> discarded_;
+  std::unique_ptr<assimilation::Engine> discarded_;
   bool busy_ = false, stopping_ = false;
 
   std::thread thread_;

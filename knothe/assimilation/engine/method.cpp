@@ -1,0 +1,43 @@
+#include "knothe/assimilation/engine/method.hpp"
+
+#include "knothe/assimilation/engine/ordered_method.hpp"
+#include "knothe/assimilation/update/compatibility.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+/// By quadratic forms, in any order: a datum that comes late, or is withdrawn, costs the steps from it on.
+class FormMethod final : public PosteriorMethod {
+ public:
+  explicit FormMethod(const Problem& problem)
+      : update_(problem.model, problem.noise, problem.priors, problem.update) {
+    if (problem.corrected_steps) update_.redo((*problem.corrected_steps)[0], (*problem.corrected_steps)[1]);
+  }
+
+  void add(likelihood::DatumPointer datum, std::size_t time_index) override {
+    update_.add(std::move(datum), time_index);
+  }
+  void withdraw(std::size_t step, const likelihood::DatumKey& key) override { update_.withdraw(step, key); }
+  const UpdateResult& conclude(std::size_t step) override { return update_.follow(step); }
+  const UpdateResult& preview(std::size_t step) override { return update_.preview(step); }
+  [[nodiscard]] const likelihood::StepForm* form_of(std::size_t step) const override {
+    return update_.form_of(step);
+  }
+  [[nodiscard]] std::optional<likelihood::StepForm> form_up_to(std::size_t step) override {
+    return update_.form_up_to(step);
+  }
+  [[nodiscard]] const SequentialUpdate* update() const override { return &update_; }
+
+ private:
+  SequentialUpdate update_;
+};
+
+}  // namespace
+
+std::unique_ptr<PosteriorMethod> make_method(const Problem& problem) {
+  require_compatible(features_of(problem));
+  if (!problem.robust.is_active()) return std::make_unique<FormMethod>(problem);
+  return std::make_unique<OrderedMethod>(problem);
+}
+
+}  // namespace knothe::assimilation

@@ -1,0 +1,42 @@
+#pragma once
+/// @file Likelihoods that judge a value by those before it: gating, Student-t.
+#include <map>
+
+#include "knothe/assimilation/engine/method.hpp"
+
+namespace knothe::assimilation {
+
+/// A datum that comes late, or is withdrawn, makes the method begin again from the first: n updates.
+class OrderedMethod : public PosteriorMethod {
+ public:
+  explicit OrderedMethod(const Problem& problem);
+
+  void add(likelihood::DatumPointer datum, std::size_t time_index) override;
+  void withdraw(std::size_t step, const likelihood::DatumKey& key) override;
+  const UpdateResult& conclude(std::size_t step) override;
+  const UpdateResult& preview(std::size_t step) override { return conclude(step); }
+  [[nodiscard]] const SensorReport* sensors() const override;
+  [[nodiscard]] const likelihood::StepForm* form_of(std::size_t step) const override {
+    return last_ && last_->first == step ? robust_->latest_form() : nullptr;
+  }
+  [[nodiscard]] std::optional<likelihood::StepForm> form_up_to(std::size_t) override { return {}; }
+
+ private:
+  struct Timed {
+    likelihood::DatumPointer datum;
+    std::size_t time_index;  ///< of this method's model
+  };
+  using Place = std::pair<std::size_t, likelihood::DatumKey>;
+  void begin_anew();
+  void assimilate(const Place& place, const Timed& timed);
+
+  Problem problem_;
+  std::unique_ptr<RobustUpdate> robust_;
+  std::map<Place, Timed> data_;
+  std::optional<Place> last_;  ///< assimilated
+  std::size_t number_ =
+      0;  ///< of the last datum assimilated: its step, or more where steps have several data
+  UpdateResult result_;
+};
+
+}  // namespace knothe::assimilation

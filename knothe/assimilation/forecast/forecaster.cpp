@@ -1,0 +1,228 @@
+#include "knothe/assimilation/forecast/forecaster.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
+#include "knothe/base/text.hpp"
+#include "knothe/model/observe/observation_operator.hpp"
+#include "knothe/model/observe/observed_model.hpp"
+#include "knothe/model/reduced/spline_functions.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
+
+namespace knothe::assimilation {
+namespace {
+
+using model::ObservedModel;
+using model::SeparatedModel;
+using Quantity = ForecastSpecification::Quantity;
+
+constexpr double k_min_discrepancy = 1e-12;  ///< m; where the predicted fields are those of cracks
+constexpr double k_same_time = 1e-9;
+
+LinearPrediction at_step(const ObservedModel& model, std::size_t step) {
+  return {model.lift.col(step), model.space * model.core[step]};
+}
+
+LinearPrediction at_horizon(const ObservedModel& model, const ForecastSpecification& specification) {
+  const TimePosition position = locate_horizon(model.time, specification.horizon, specification.name);
+  return interpolate(position, at_step(model, position.lower), at_step(model, position.upper));
+}
+
+const model::SnapshotOutput& find_output(const SeparatedModel& model, const std::string& name,
+                                         const std::string& wanted_by) {
+  for (const model::SnapshotOutput& output : model.contents().outputs) {
+    if (output.name == name) return output;
+  }
+  const std::vector<std::string> names = model.output_names();
+  throw DataError(fmt::format("{}: forecast.{} needs the model's output \"{}\"{}; it has: {}", model.where(),
+                              wanted_by, name, did_you_mean(name, names), fmt::join(names, ", ")));
+}
+
+/// An output on the parameter grid [n₁, …, n_d] at the horizon.
+std::vector<double> output_at_horizon(const SeparatedModel& model, const model::SnapshotOutput& output,
+                                      const ForecastSpecification& specification) {
+  const std::size_t times = model.contents().time.size();
+  const TimePosition position =
+      locate_horizon(model.contents().time, specification.horizon, specification.name);
+  std::vector<double> at_horizon;
+  for (std::size_t g = 0; g < output.values.size() / times; ++g) {
+    const double* history = output.values.data() + g * times;
+    at_horizon.push_back(position.interpolate(history[position.lower], history[position.upper]));
+  }
+  return at_horizon;
+}
+
+std::vector<std::vector<double>> axis_nodes(const SeparatedModel& model) {
+  std::vector<std::vector<double>> nodes;
+  for (const model::Axis& axis : model.contents().axes) nodes.push_back(axis.nodes);
+  return nodes;
+}
+
+/// Displacement of the load at the horizon, which does not depend on the parameters.
+double imposed_displacement(const SeparatedModel& model, const ForecastSpecification& specification) {
+  return output_at_horizon(model, find_output(model, "imposed_displacement", specification.name),
+                           specification)
+      .front();
+}
+
+/// δ, from few draws: it varies little from one point of a posterior to the next.
+double estimated_discrepancy(const CrackBridge& bridge, const model::RowMatrix& functions,
+                             const Eigen::Ref<const Eigen::VectorXd>& weights) {
+  constexpr Index k_draws = 64;
+  const Index n = std::min(k_draws, functions.rows());
+  const model::RowMatrix drawn = functions(numerics::equal_draws(weights, n), Eigen::all);
+  return std::max(bridge.update(drawn, Eigen::VectorXd::Ones(n)).discrepancy_std, k_min_discrepancy);
+}
+
+/// The forecast of q + by.
+ScalarForecast moved(ScalarForecast forecast, double by) {
+  forecast.mean += by;
+  forecast.maximum_a_posteriori += by;
+  for (double& value : forecast.values) value += by;
+  for (double& point : forecast.points) point += by;
+  return forecast;
+}
+
+}  // namespace
+
+Forecaster::Forecaster(const SeparatedModel& model, const model::Dofs& seen,
+                       const std::vector<ForecastSpecification>& specifications)
+    : functions_(model.functions()), specifications_(specifications) {
+  for (const ForecastSpecification& specification : specifications) {
+    switch (specification.quantity) {
+      case Quantity::crack_length:
+        add_crack(model, seen, specification);
+        break;
+      case Quantity::displacement:
+        add_displacement(model, specification);
+        break;
+      case Quantity::output:
+        add_output(model, specification);
+        break;
+    }
+  }
+}
+
+void Forecaster::add_crack(const SeparatedModel& model, const model::Dofs& seen,
+                           const ForecastSpecification& specification) {
+  const model::CrackSolutions& crack = model.contents().crack;
+  if (crack.empty()) {
+    throw DataError(
+        fmt::format("{}: forecast.{} needs crack solutions, which this model lacks: build it with "
+                    "`knothe offline` and offline.crack_lengths > 0",
+                    model.where(), specification.name));
+  }
+  const Index n_dof = model.dof_count();
+  const auto n_modes = std::ssize(crack.modes) / n_dof;
+  const auto n_lengths = std::ssize(crack.length);
+  const model::ObservationOperator observation(model.contents().dofs, model.contents().mesh, model.where(),
+                                               seen);
+  const Eigen::MatrixXd observed_modes =
+      observation.apply(Eigen::Map<const Eigen::MatrixXd>(crack.modes.data(), n_dof, n_modes));
+  const Eigen::MatrixXd solutions =
+      Eigen::Map<const model::RowMatrix>(crack.coefficients.data(), n_lengths, n_modes) *
+      observed_modes.transpose();
+  CrackBridgeOptions options;
+  options.prior_mean = specification.prior_mean;
+  options.prior_std = specification.prior_std;
+  options.error_std = specification.model_error_std;
+  options.curve = LengthCurve(specification.length_curve);
+  options.threshold =
+      specification.threshold.value_or(specification.prior_mean) - specification.length_offset;
+  cracks_.push_back({specification.name,
+                     CrackBridge(CrackMetaModel(crack.length, solutions),
+                                 at_horizon(model::observe(model, seen), specification),
+                                 imposed_displacement(model, specification), options),
+                     specification.length_offset, specification.discrepancy_std});
+}
+
+void Forecaster::add_displacement(const SeparatedModel& model, const ForecastSpecification& specification) {
+  const std::int64_t component = specification.component;
+  const LinearPrediction prediction = at_horizon(
+      model::observe(model, {{specification.point.begin(), specification.point.end()}, {component}}),
+      specification);
+  scalars_.push_back(
+      {specification.name, "m",
+       QuantityOfInterest(functions_, prediction.lift[0], prediction.modes.row(0).transpose(),
+                          specification.threshold.value_or(0), specification.model_error_std)});
+}
+
+void Forecaster::add_output(const SeparatedModel& model, const ForecastSpecification& specification) {
+  const model::SnapshotOutput& output = find_output(model, specification.output, specification.name);
+  const auto functions = std::make_shared<model::JointFunctions>(
+      axis_nodes(model), output_at_horizon(model, output, specification), 1);
+  scalars_.push_back(
+      {specification.name, output.labels.units,
+       QuantityOfInterest(functions, 0.0, Eigen::VectorXd::Ones(1), specification.threshold.value_or(0),
+                          specification.model_error_std)});
+}
+
+void Forecaster::evaluate_functions(const Eigen::Ref<const Eigen::MatrixXd>& points) {
+  batch_.resize(points.rows(), functions_->dimension(), functions_->count(), 0);
+  functions_->evaluate(points, 0, batch_);
+}
+
+std::vector<NamedForecast> Forecaster::update(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                              const Eigen::Ref<const Eigen::VectorXd>& weights) {
+  std::vector<NamedForecast> forecasts;
+  const auto is_of_model = [&](const Scalar& scalar) { return scalar.quantity.is_of(*functions_); };
+  if (!cracks_.empty() || std::any_of(scalars_.begin(), scalars_.end(), is_of_model))
+    evaluate_functions(points);  // once for all of them
+  for (const Crack& crack : cracks_) {
+    CrackForecast forecast = crack.bridge.update(batch_.value, weights);
+    forecasts.push_back(
+        {crack.name, "m", moved(std::move(forecast.length), crack.offset), forecast.discrepancy_std});
+  }
+  for (const Scalar& scalar : scalars_) {
+    forecasts.push_back({scalar.name, scalar.units,
+                         is_of_model(scalar) ? scalar.quantity.update_from_functions(batch_.value, weights)
+                                             : scalar.quantity.update(points, weights),
+                         std::nullopt});
+  }
+  complete(forecasts);
+  return forecasts;
+}
+
+void Forecaster::complete(std::vector<NamedForecast>& forecasts) const {
+  const auto place = [&](const NamedForecast& forecast) {
+    return std::find_if(specifications_.begin(), specifications_.end(),
+                        [&](const ForecastSpecification& s) { return s.name == forecast.name; });
+  };
+  for (NamedForecast& forecast : forecasts) {
+    const ForecastSpecification& s = *place(forecast);
+    forecast.horizon = s.horizon;
+    forecast.threshold_stated = s.threshold.has_value();
+    forecast.threshold = s.threshold.value_or(s.quantity == Quantity::crack_length ? s.prior_mean : 0);
+  }
+  std::sort(forecasts.begin(), forecasts.end(),
+            [&](const NamedForecast& a, const NamedForecast& b) { return place(a) < place(b); });
+}
+
+std::vector<NamedForecast> Forecaster::published(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                                 const Eigen::Ref<const Eigen::VectorXd>& weights,
+                                                 FieldDensity density) {
+  std::vector<NamedForecast> forecasts;
+  if (cracks_.empty()) return forecasts;
+  evaluate_functions(points);
+  const FunctionMoments moments = moments_of_functions(batch_.value, weights);
+  for (const Crack& crack : cracks_) {
+    const double discrepancy = crack.discrepancy_std
+                                   ? *crack.discrepancy_std
+                                   : estimated_discrepancy(crack.bridge, batch_.value, weights);
+    ScalarForecast length = density == FieldDensity::normal
+                                ? crack.bridge.published(moments, discrepancy)
+                                : crack.bridge.published_by_map(batch_.value, weights, discrepancy);
+    forecasts.push_back({crack.name, "m", moved(std::move(length), crack.offset), discrepancy});
+  }
+  complete(forecasts);
+  return forecasts;
+}
+
+void mark_past(std::vector<NamedForecast>& forecasts, double time) {
+  for (NamedForecast& forecast : forecasts) forecast.is_past = forecast.horizon < time - k_same_time;
+}
+
+}  // namespace knothe::assimilation

@@ -1,0 +1,66 @@
+#include "knothe/assimilation/inference/finite_integral.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "knothe/base/error.hpp"
+#include "knothe/posterior/mode_search.hpp"
+
+namespace knothe::assimilation {
+
+void require_finite_integral(PosteriorDensity& posterior, const std::vector<std::string>& names) {
+  constexpr int k_decades = 6;
+  constexpr double k_falls = 0.1;
+  const Eigen::Index d = posterior.dimension();
+  posterior::CheckedDensity target(posterior);
+  const posterior::CheckedDensity::Leniency lenient(target);
+  std::vector<posterior::Mode> modes;
+  posterior::ModeSearch().run(target, true, modes);
+  const posterior::Mode& mode = modes.front();
+  // Rays that have not fallen yet: column k of L, upwards or downwards.
+  struct Ray {
+    Eigen::VectorXd direction;
+    double mass;  ///< log of π̄ r^d where it was looked at last
+  };
+  std::vector<Ray> rays;
+  for (Eigen::Index k = 0; k < d; ++k)
+    for (const double sign : {1.0, -1.0}) rays.push_back({sign * mode.lower.col(k), 0});
+  posterior::LogDensityBatch batch;
+  for (int decade = 1; decade <= k_decades && !rays.empty(); ++decade) {
+    const double r = std::pow(10.0, decade);
+    Eigen::MatrixXd points(std::ssize(rays), d);
+    for (std::size_t i = 0; i < rays.size(); ++i)
+      points.row(static_cast<Eigen::Index>(i)) = (mode.point + r * rays[i].direction).transpose();
+    target.evaluate(points, 0, batch);
+    std::vector<Ray> left;
+    for (std::size_t i = 0; i < rays.size(); ++i) {
+      const double mass = batch.value[static_cast<Eigen::Index>(i)] + static_cast<double>(d) * std::log(r);
+      if (!std::isfinite(mass) || (decade > 1 && mass < rays[i].mass - k_falls)) continue;
+      left.push_back({rays[i].direction, mass});
+    }
+    rays = std::move(left);
+  }
+  if (rays.empty()) return;
+  // In words: the parameters that change along the ray, and which way.
+  const Eigen::MatrixXd ends = posterior.parameters(
+      (Eigen::MatrixXd(2, d) << mode.point.transpose(), (mode.point + 10 * rays[0].direction).transpose())
+          .finished());
+  const double most = rays[0].direction.cwiseAbs().maxCoeff();
+  std::string way;
+  for (Eigen::Index k = 0; k < d; ++k) {
+    if (std::abs(rays[0].direction[k]) < 0.1 * most) continue;
+    const auto i = static_cast<std::size_t>(k);
+    way += fmt::format("{}{} {}", way.empty() ? "" : ", ", ends(1, k) > ends(0, k) ? "growing" : "falling",
+                       i < names.size() ? names[i] : fmt::format("p[{}]", k));
+  }
+  throw NumericalError(
+      fmt::format("not trusted: the density has no finite integral: towards {} it does not fall, or more "
+                  "slowly than 1/distance^{} (from "
+                  "10 to a million of its own widths off its mode), so that no posterior belongs to it. Give "
+                  "all parameters a proper prior "
+                  "in the density, or bounds (prior = \"uniform\" under [parameters])",
+                  way, d));
+}
+
+}  // namespace knothe::assimilation

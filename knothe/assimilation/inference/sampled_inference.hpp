@@ -1,0 +1,13 @@
+#pragma once
+/// @file Inference by the samplers of room sampling. Private to this room.
+#include "knothe/assimilation/inference/inference.hpp"
+
+namespace knothe::assimilation {
+
+/// Fills what adaptive_metropolis gives, and the evidence by bridge sampling.
+void by_markov_chains(PosteriorDensity& posterior, const InferenceOptions& options, InferenceResult& r);
+/// Fills what recycled_importance gives. All calls of `model` count.
+void by_weighted_draws(PosteriorDensity& posterior, const model::ForwardModel& model,
+                       const InferenceOptions& options, InferenceResult& r);
+
+}  // namespace knothe::assimilation

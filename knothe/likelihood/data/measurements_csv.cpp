@@ -1,0 +1,184 @@
+#include "knothe/likelihood/data/measurements_csv.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <limits>
+#include <map>
+
+#include "knothe/base/error.hpp"
+#include "knothe/files/atomic_file.hpp"
+#include "knothe/files/csv.hpp"
+#include "knothe/files/numbers.hpp"
+
+namespace knothe::likelihood {
+namespace {
+
+/// One observed dof: where it is and how well it is measured.
+struct Sensor {
+  Eigen::Index index;
+  double x, y, z, std;
+};
+
+constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
+
+/// The name of a series rather than a direction: it has a letter, and is not x, y or z.
+bool is_series(const std::string& component) {
+  return component != "x" && component != "y" && component != "z" &&
+         std::any_of(component.begin(), component.end(), [](char c) { return std::isalpha(c) != 0; });
+}
+
+int component_of(const files::CsvTable& table, std::size_t row, const std::string& text) {
+  static constexpr const char* k_letters[] = {"x", "y", "z"};
+  for (int c = 0; c < 3; ++c) {
+    if (text == k_letters[c] || text == std::to_string(c)) return c;
+  }
+  table.fail(row, "component",
+             "a component is x, y, z or 0, 1, 2, or the name of a series, not \"" + text + "\"");
+}
+
+/// A row of a series: its value joins those before it.
+void add_to_series(const files::CsvTable& table, std::size_t row, Eigen::Index t, double value, double std,
+                   double shared_std, std::vector<bool>& filled, MeasuredSeries& series, bool is_new) {
+  if (filled[t]) table.fail(row, "time", "a second value of this series at this time");
+  filled[t] = true;
+  series.values[t] = value;
+  if (!std::isnan(shared_std)) {
+    if (!(shared_std >= 0)) table.fail(row, "shared_std", "a standard deviation is not negative");
+    series.shared_std.resize(series.values.size(), 0.0);
+    series.shared_std[t] = shared_std;
+  }
+  if (!std::isnan(std) && !(std > 0)) table.fail(row, "std", "a standard deviation is positive");
+  const std::optional<double> given = std::isnan(std) ? std::nullopt : std::optional(std);
+  if (is_new) series.std = given;
+  if (series.std != given) table.fail(row, "std", "this series had another std before: one per series");
+}
+
+/// By index; a sensor of several components has one name for each. Empty where all are numbers, "7" or "s7".
+std::vector<std::string> names_of(const std::map<std::pair<std::string, int>, Sensor>& sensors) {
+  std::map<std::string, int> components;
+  bool are_numbers = true;
+  for (const auto& [key, sensor] : sensors) {
+    ++components[key.first];
+    const std::string number = key.first.substr(key.first.starts_with('s') ? 1 : 0);
+    are_numbers =
+        are_numbers && !number.empty() && number.find_first_not_of("0123456789") == std::string::npos;
+  }
+  std::vector<std::string> names(are_numbers ? 0 : sensors.size());
+  for (const auto& [key, sensor] : sensors)
+    if (!are_numbers)
+      names[sensor.index] =
+          components[key.first] == 1 ? key.first : fmt::format("{} {}", key.first, "xyz"[key.second]);
+  return names;
+}
+
+}  // namespace
+
+Measurements read_measurements_csv(const std::string& path) {
+  const files::CsvTable table = files::CsvTable::read(path);
+  const std::vector<double> time = table.numbers("time"), x = table.numbers("x", true),
+                            y = table.numbers("y", true), z = table.numbers("z", true),
+                            value = table.numbers("value", true), std = table.numbers("std", true);
+  const std::vector<double> shared = table.has("shared_std") ? table.numbers("shared_std", true)
+                                                             : std::vector<double>(table.row_count(), k_nan);
+  const std::vector<std::string> name = table.texts("sensor"), component = table.texts("component");
+  std::vector<double> times = time;
+  std::sort(times.begin(), times.end());
+  times.erase(std::unique(times.begin(), times.end()), times.end());
+
+  std::map<std::pair<std::string, int>, Sensor> sensors;
+  std::vector<std::pair<const Sensor*, int>> of_row;
+  std::vector<std::pair<const Sensor*, int>> in_order;
+  std::map<std::string, MeasuredSeries> series;
+  std::map<std::string, std::vector<bool>> filled;
+  for (std::size_t row = 0; row < table.row_count(); ++row) {
+    if (is_series(component[row])) {
+      const auto [it, is_new] = series.try_emplace(component[row]);
+      if (is_new) {
+        it->second.values.assign(times.size(), k_nan);
+        filled[component[row]].assign(times.size(), false);
+      }
+      const auto t = std::lower_bound(times.begin(), times.end(), time[row]) - times.begin();
+      add_to_series(table, row, t, value[row], std[row], shared[row], filled[component[row]], it->second,
+                    is_new);
+      of_row.emplace_back(nullptr, 0);
+      continue;
+    }
+    if (!std::isnan(shared[row]))
+      table.fail(row, "shared_std", "an error that is shared is one of a series, not of displacements");
+    const int c = component_of(table, row, component[row]);
+    for (const auto& [column, coordinate] : {std::pair("x", x[row]), {"y", y[row]}, {"z", z[row]}}) {
+      if (std::isnan(coordinate)) table.fail(row, column, "a number is needed here");
+    }
+    if (!(std[row] > 0)) table.fail(row, "std", "a standard deviation is positive");
+    const auto [it, is_new] =
+        sensors.try_emplace({name[row], c}, Sensor{std::ssize(sensors), x[row], y[row], z[row], std[row]});
+    const Sensor& sensor = it->second;
+    if (is_new) in_order.emplace_back(&sensor, c);
+    if (sensor.x != x[row] || sensor.y != y[row] || sensor.z != z[row]) {
+      table.fail(row, "x", "sensor \"" + name[row] + "\" was elsewhere before: one point per sensor");
+    }
+    if (sensor.std != std[row]) {
+      table.fail(row, "std",
+                 "sensor \"" + name[row] + "\" had another std before: one per sensor and component");
+    }
+    of_row.emplace_back(&sensor, c);
+  }
+
+  Measurements m;
+  m.time = times;
+  m.series = std::move(series);
+  const auto n_obs = std::ssize(sensors);
+  m.values.setConstant(n_obs, std::ssize(times), k_nan);
+  Eigen::MatrixXi lines = Eigen::MatrixXi::Zero(n_obs, m.values.cols());
+  for (std::size_t row = 0; row < table.row_count(); ++row) {
+    if (of_row[row].first == nullptr) continue;
+    const Eigen::Index i = of_row[row].first->index;
+    const Eigen::Index t = std::lower_bound(times.begin(), times.end(), time[row]) - times.begin();
+    if (lines(i, t)++ > 0)
+      table.fail(row, "time", "a second value of sensor \"" + name[row] + "\" at this time");
+    m.values(i, t) = value[row];
+  }
+  Eigen::VectorXd deviations(n_obs);
+  for (const auto& [sensor, c] : in_order) {
+    m.sensors.add(std::array{sensor->x, sensor->y, sensor->z}, c);
+    deviations[sensor->index] = sensor->std;
+  }
+  m.noise = NoiseModel::independent(deviations);
+  m.sensors.names = names_of(sensors);
+  return m;
+}
+
+void write_measurements_csv(const std::string& path, const Measurements& m) {
+  const auto rows = static_cast<std::size_t>(m.values.rows());
+  if (rows > 0 && !m.noise.measurement().is_independent())
+    throw UsageError(path + ": a CSV file holds a std for each value, no correlated noise: write HDF5");
+  const Eigen::VectorXd std = rows > 0 ? m.noise.measurement().standard_deviations() : Eigen::VectorXd();
+  const auto number = [](double value) { return std::isnan(value) ? "" : files::format_number(value); };
+  const bool shared = std::any_of(m.series.begin(), m.series.end(),
+                                  [](const auto& series) { return !series.second.shared_std.empty(); });
+  std::string text = shared ? "time,sensor,x,y,z,component,value,std,shared_std\n"
+                            : "time,sensor,x,y,z,component,value,std\n";
+  for (std::size_t t = 0; t < m.time.size(); ++t) {
+    const std::string time = number(m.time[t]);
+    for (std::size_t i = 0; i < rows; ++i) {
+      const auto at = m.sensors.point(i);
+      const auto row = static_cast<Eigen::Index>(i);
+      text +=
+          fmt::format("{},s{},{},{},{},{},{},{}{}\n", time, i, number(at[0]), number(at[1]), number(at[2]),
+                      "xyz"[m.sensors.components[i]], number(m.values(row, static_cast<Eigen::Index>(t))),
+                      number(std[row]), shared ? "," : "");
+    }
+    for (const auto& [name, series] : m.series) {
+      text += fmt::format("{0},{1},,,,{1},{2},{3}", time, name, number(series.values[t]),
+                          series.std ? number(*series.std) : "");
+      if (shared) text += "," + (series.shared_std.empty() ? "" : number(series.shared_std[t]));
+      text += "\n";
+    }
+  }
+  files::write_text_atomically(path, text);
+}
+
+}  // namespace knothe::likelihood

@@ -1,0 +1,46 @@
+#include "knothe/likelihood/noise/predictive.hpp"
+
+#include <Eigen/SparseCholesky>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <vector>
+
+#include "knothe/numerics/statistics/random.hpp"
+
+namespace knothe::likelihood {
+
+Eigen::MatrixXd noise_draws(const GaussianNoise& noise, Eigen::Index rows, Eigen::Index count,
+                            std::uint64_t seed) {
+  using Sparse = Eigen::SparseMatrix<double>;
+  const Eigen::MatrixXd normal = numerics::monte_carlo_normal_points(count, rows, seed).transpose();
+  if (noise.is_independent())
+    return noise.inverse_variance().head(rows).cwiseSqrt().cwiseInverse().asDiagonal() * normal;
+  Sparse precision = noise.precision().topLeftCorner(rows, rows);
+  for (Eigen::Index i = 0; i < rows; ++i)
+    if (!noise.is_measured(i)) precision.coeffRef(i, i) = 1;
+  // P R⁻¹ Pᵀ = L Lᵀ, so that Pᵀ L⁻ᵀ z has the covariance R.
+  const Eigen::SimplicialLLT<Sparse> factor(precision);
+  Eigen::MatrixXd draws = factor.permutationPinv() * factor.matrixU().solve(normal).eval();
+  for (Eigen::Index i = 0; i < rows; ++i)
+    if (!noise.is_measured(i)) draws.row(i).setConstant(std::numeric_limits<double>::quiet_NaN());
+  return draws;
+}
+
+Eigen::VectorXd log_likelihoods(const Eigen::Ref<const Eigen::MatrixXd>& predictions,
+                                const Eigen::Ref<const Eigen::VectorXd>& values, const GaussianNoise& noise) {
+  std::vector<Eigen::Index> present;
+  for (Eigen::Index i = 0; i < values.size(); ++i)
+    if (!std::isnan(values[i]) && noise.is_measured(i)) present.push_back(i);
+  const auto n = std::ssize(present);
+  if (n == 0) return Eigen::VectorXd::Zero(predictions.cols());
+  const bool all = n == noise.size() && noise.is_complete();
+  const GaussianNoise seen = all ? noise : noise.restricted(present);
+  const Eigen::MatrixXd residual =
+      (-predictions(present, Eigen::all)).colwise() + Eigen::VectorXd(values(present));
+  const Eigen::VectorXd misfit = residual.cwiseProduct(seen.apply(residual)).colwise().sum().transpose();
+  const double constant = static_cast<double>(n) * std::log(2 * std::numbers::pi) + seen.log_determinant();
+  return -0.5 * (misfit.array() + constant).matrix();
+}
+
+}  // namespace knothe::likelihood

@@ -1,0 +1,23 @@
+#pragma once
+/// @file What would be measured: noise to add to predictions, and how probable a datum is under them.
+#include <Eigen/Core>
+#include <cstdint>
+
+#include "knothe/likelihood/noise/gaussian_noise.hpp"
+
+namespace knothe::likelihood {
+
+/// `count` independent draws from N(0, R) in its first `rows` dofs (of which the others are independent),
+/// rows × count, m; NaN for a dof that is not measured. `noise` is not restricted
+/// (`GaussianNoise::precision`).
+[[nodiscard]] Eigen::MatrixXd noise_draws(const GaussianNoise& noise, Eigen::Index rows, Eigen::Index count,
+                                          std::uint64_t seed);
+
+/// log N(values; prediction, R) for each column of `predictions` (rows × count), of the values that are there
+/// (not NaN, and measured by that noise): natural logarithm, all constants included; 0 where there is none.
+/// The noise may have further dofs behind these, which are independent of them.
+[[nodiscard]] Eigen::VectorXd log_likelihoods(const Eigen::Ref<const Eigen::MatrixXd>& predictions,
+                                              const Eigen::Ref<const Eigen::VectorXd>& values,
+                                              const GaussianNoise& noise);
+
+}  // namespace knothe::likelihood

@@ -1,0 +1,125 @@
+#include "knothe/likelihood/step/step_store.hpp"
+
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "knothe/base/error.hpp"
+#include "knothe/likelihood/testing/test_models.hpp"
+
+namespace knothe::likelihood {
+namespace {
+
+struct StepStoreTest : ::testing::Test {
+  static constexpr Eigen::Index n = 6;
+  std::shared_ptr<const model::ObservedModel> model =
+      test::random_model(std::make_shared<test::CurvedFunctions>(), n, 4, 4, 33);
+  Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 0.5);
+  Eigen::MatrixXd data = test::synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
+
+  /// Steps share an error of each sensor, so that the form of one depends on those before it.
+  [[nodiscard]] StepStore make(bool shared) const {
+    const NoiseModel noise = NoiseModel::independent(std);
+    return {model, shared ? noise.with_offsets(0.2) : noise, Eigen::Vector2d(1, 1)};
+  }
+  void add(StepStore& store, std::size_t step) const {
+    store.add(test::datum(step, data.col(static_cast<Eigen::Index>(step))), step);
+  }
+};
+
+bool same(const StepForm& a, const StepForm& b) {
+  return a.quadratic == b.quadratic && a.linear == b.linear && a.constant == b.constant &&
+         a.log_normaliser == b.log_normaliser && a.used == b.used;
+}
+
+std::string message(const std::function<void()>& action) {
+  try {
+    action();
+  } catch (const UsageError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST_F(StepStoreTest, FormsDoNotDependOnTheOrderInWhichStepsCame) {
+  for (const bool shared : {false, true}) {
+    StepStore in_order = make(shared), late = make(shared);
+    for (const std::size_t step : {0u, 1u, 2u, 3u}) add(in_order, step);
+    for (const std::size_t step : {3u, 0u, 2u, 1u}) add(late, step);
+    EXPECT_EQ(in_order.settle(), 0u);
+    EXPECT_EQ(late.settle(), 0u);
+    EXPECT_EQ(late.settle(), std::nullopt);
+    for (const auto& [step, stored] : in_order.steps())
+      EXPECT_TRUE(same(stored.form, late.steps().at(step).form)) << step;
+    EXPECT_EQ(late.last(), 3u);
+  }
+}
+
+TEST_F(StepStoreTest, AStepTakenOutLeavesNoTrace) {
+  for (const bool shared : {false, true}) {
+    StepStore all = make(shared), without = make(shared);
+    for (const std::size_t step : {0u, 1u, 2u, 3u}) {
+      add(all, step);
+      if (step != 1) add(without, step);
+    }
+    (void)all.settle();
+    (void)without.settle();
+    all.steps().at(0).log_evidence = -1;
+    all.steps().at(3).log_evidence = -4;
+    all.withdraw(1, {});
+    EXPECT_EQ(all.settle(), 1u);
+    for (const auto& [step, stored] : without.steps())
+      EXPECT_TRUE(same(stored.form, all.steps().at(step).form)) << step;
+    EXPECT_EQ(all.steps().at(0).log_evidence, -1);  // of the data before it
+    EXPECT_FALSE(all.steps().at(3).log_evidence);
+  }
+}
+
+TEST_F(StepStoreTest, RefusesWhatIsNotThereAndWhatCannotBe) {
+  StepStore store = make(false);
+  add(store, 2);
+  EXPECT_EQ(message([&] { store.withdraw(1, {}); }),
+            "step 1 is not assimilated: there is nothing to withdraw");
+  EXPECT_EQ(message([&] { (void)store.find(1); }), "step 1 is not assimilated: there is no posterior of it");
+  EXPECT_THROW(store.add(test::datum(3, Eigen::VectorXd::Constant(n, 1e200)), 3), DataError);
+  EXPECT_EQ(store.steps().size(), 1u);
+}
+
+TEST_F(StepStoreTest, GoesBackNoFurtherThanTheFirstStep) {
+  StepStore store = make(false);
+  for (const std::size_t step : {0u, 1u, 3u}) add(store, step);
+  EXPECT_EQ(store.before(3, 0)->first, 3u);
+  EXPECT_EQ(store.before(3, 1)->first, 1u);
+  EXPECT_EQ(store.before(3, 9)->first, 0u);
+}
+
+TEST_F(StepStoreTest, SumsAreOfTheFormsAsAssimilated) {
+  StepStore store = make(false);
+  add(store, 0);
+  add(store, 1);
+  StoredStep& second = store.steps().at(1);
+  FormSums plain = FormSums::zero(3), corrected = FormSums::zero(3), levels = FormSums::zero(3);
+  for (const auto& [step, stored] : store.steps()) plain.add(stored);
+  second.corrected_form = StepForm::zero(3);
+  for (const auto& [step, stored] : store.steps()) corrected.add(stored);
+  EXPECT_TRUE(same(corrected.form, [&] {
+    StepForm sum = StepForm::zero(3);
+    sum.add(store.steps().at(0).form);
+    sum.add(StepForm::zero(3));
+    return sum;
+  }()));
+  EXPECT_FALSE(same(corrected.form, plain.form));
+  // Sizes of a discrepancy: before it was there, each was the sum without.
+  second.corrected_form.reset();
+  second.levels = {StepForm::zero(3), second.form};
+  for (const auto& [step, stored] : store.steps()) levels.add(stored);
+  ASSERT_EQ(levels.levels.size(), 2u);
+  EXPECT_TRUE(same(levels.form, plain.form));
+  EXPECT_TRUE(same(levels.levels[0], corrected.form));
+  EXPECT_TRUE(same(levels.levels[1], plain.form));
+}
+
+}  // namespace
+}  // namespace knothe::likelihood

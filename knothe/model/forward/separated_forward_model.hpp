@@ -1,0 +1,69 @@
+#pragma once
+/// @file A separated model as a forward model: chosen dofs at chosen time steps, or an output, with exact
+/// derivatives.
+#include <vector>
+
+#include "knothe/model/forward/forward_model.hpp"
+#include "knothe/model/observe/observed_model.hpp"
+
+namespace knothe::model {
+
+/// f = b + A w(p) with all steps stacked: step after step, in each the observed dofs in their order.
+class SeparatedForwardModel final : public ForwardModel {
+ public:
+  /// `steps`: indices into the model's times. Errors: UsageError for a step that is not there.
+  SeparatedForwardModel(const ObservedModel& model, const std::vector<std::size_t>& steps, std::string where);
+
+  [[nodiscard]] Eigen::Index dimension() const override { return functions_->dimension(); }
+  [[nodiscard]] Eigen::Index output_count() const override { return offset_.size(); }
+  [[nodiscard]] std::string where() const override { return where_; }
+  [[nodiscard]] bool is_cheap() const override { return true; }
+  [[nodiscard]] bool has_jacobian() const override { return true; }
+  [[nodiscard]] bool has_hessian() const override { return true; }
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Ref<Eigen::MatrixXd> values) override;
+  void jacobian(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                Eigen::Ref<Eigen::MatrixXd> jacobians) override;
+  void hessian(const Eigen::Ref<const Eigen::MatrixXd>& points,
+               const Eigen::Ref<const Eigen::MatrixXd>& sensitivities,
+               Eigen::Ref<Eigen::MatrixXd> hessians) override;
+
+ private:
+  void functions_at(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives);
+
+  std::shared_ptr<const ParameterFunctions> functions_;
+  Eigen::MatrixXd matrix_;  ///< A, m × r
+  Eigen::VectorXd offset_;  ///< b, m
+  std::string where_;
+  FunctionBatch batch_;
+};
+
+/// One of the model's outputs (reaction force, …) at chosen time steps.
+class SeparatedOutputModel final : public ForwardModel {
+ public:
+  /// Errors: UsageError for an output or a step that is not there.
+  SeparatedOutputModel(SeparatedModel model, std::string output, std::vector<std::size_t> steps);
+
+  [[nodiscard]] Eigen::Index dimension() const override {
+    return static_cast<Eigen::Index>(model_.dimension());
+  }
+  [[nodiscard]] Eigen::Index output_count() const override { return std::ssize(steps_); }
+  [[nodiscard]] std::string where() const override { return model_.where(); }
+  [[nodiscard]] bool is_cheap() const override { return true; }
+  [[nodiscard]] bool has_jacobian() const override { return true; }
+  [[nodiscard]] bool has_hessian() const override { return true; }
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Ref<Eigen::MatrixXd> values) override;
+  void jacobian(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                Eigen::Ref<Eigen::MatrixXd> jacobians) override;
+  void hessian(const Eigen::Ref<const Eigen::MatrixXd>& points,
+               const Eigen::Ref<const Eigen::MatrixXd>& sensitivities,
+               Eigen::Ref<Eigen::MatrixXd> hessians) override;
+
+ private:
+  [[nodiscard]] FieldDerivatives at(const Eigen::Ref<const Eigen::VectorXd>& point, int derivatives) const;
+
+  SeparatedModel model_;
+  std::string output_;
+  std::vector<std::size_t> steps_;
+};
+
+}  // namespace knothe::model

@@ -1,0 +1,225 @@
+#include "knothe/posterior/draws/recycled_importance.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include "knothe/base/error.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
+#include "knothe/posterior/checked_density.hpp"
+#include "knothe/posterior/draws/importance_proposal.hpp"
+#include "knothe/posterior/mode_search.hpp"
+
+namespace knothe::posterior {
+namespace {
+
+constexpr double k_infinity = std::numeric_limits<double>::infinity();
+constexpr double k_tails = 8, k_flat_share = 0.15;
+/// The flattened target is that of this share of β.
+constexpr double k_flat = 0.5;
+/// Ascents are made after so many rounds, from so many draws; draws around a mode are wider than its Laplace
+/// approximation by this.
+constexpr std::size_t k_rounds_before_ascents = 8;
+constexpr Eigen::Index k_ascents = 4;
+constexpr double k_widened = 1.2;
+/// Points that a fit looks at, and those that dependence of coordinates is judged by.
+constexpr Eigen::Index k_fit_points = 2048, k_group_points = 1024;
+double log_sum(double a, double b) {
+  const double largest = std::max(a, b);
+  return largest == -k_infinity ? largest : largest + std::log1p(std::exp(-std::abs(a - b)));
+}
+
+MixtureProduct of_all(const Mixture& mixture) {
+  std::vector<Eigen::Index> all(mixture.dimension());
+  std::iota(all.begin(), all.end(), Eigen::Index{0});
+  return MixtureProduct({{all, mixture}});
+}
+
+Mixture around(const std::vector<Mode>& modes) {
+  constexpr double k_min_weight = 0.01;
+  std::vector<MixtureComponent> components;
+  for (const Mode& m : modes)
+    components.push_back({std::max(k_min_weight, std::exp(m.log_mass - modes.front().log_mass)), m.point,
+                          k_widened * m.lower});
+  return Mixture(std::move(components), k_tails);
+}
+
+/// All draws so far, as draws from the mixture of all proposals so far.
+class Draws {
+ public:
+  explicit Draws(Eigen::Index d) : points_(0, d), reference_(Mixture::standard_normal(d)) {}
+
+  void add(CheckedDensity& target, MixtureProduct proposal, Eigen::Index n, RandomNumbers& random) {
+    const double log_n = std::log(static_cast<double>(n));
+    proposal.log_density(points_, part_);
+    for (Eigen::Index i = 0; i < size(); ++i) log_drawn_[i] = log_sum(log_drawn_[i], log_n + part_[i]);
+    proposals_.push_back({std::move(proposal), log_n});
+    proposals_.back().density.sample(n, random, fresh_);
+    target.evaluate(fresh_, 0, batch_);
+    append(fresh_, points_);
+    append(batch_.value, log_target_);
+    reference_.log_density(fresh_, part_);
+    append(part_, log_reference_);
+    Eigen::VectorXd sum = Eigen::VectorXd::Constant(n, -k_infinity);
+    for (const Proposal& p : proposals_) {
+      p.density.log_density(fresh_, part_);
+      for (Eigen::Index i = 0; i < n; ++i) sum[i] = log_sum(sum[i], p.log_draws + part_[i]);
+    }
+    append(sum, log_drawn_);
+  }
+
+  [[nodiscard]] Eigen::Index size() const { return points_.rows(); }
+  [[nodiscard]] const Eigen::MatrixXd& points() const { return points_; }
+  [[nodiscard]] bool are_all_outside() const {
+    return !(log_target_.maxCoeff() > CheckedDensity::k_min_log_density);
+  }
+
+  /// Normalised weights for ρ^{1−β} π̄^β, the log of their sum before and their effective number.
+  struct Weights {
+    Eigen::VectorXd values;
+    double log_sum = 0, effective_size = 0;
+  };
+  [[nodiscard]] Weights weigh(double beta) const {
+    Weights w;
+    w.values = (beta * log_target_ + (1 - beta) * log_reference_ - log_drawn_).cwiseMax(-1e300);
+    const double largest = w.values.maxCoeff();
+    w.values = (w.values.array() - largest).exp().matrix();
+    const double sum = w.values.sum();
+    w.log_sum = largest + std::log(sum);
+    w.values /= sum;
+    w.effective_size = 1 / w.values.squaredNorm();
+    return w;
+  }
+
+  /// The largest β, not below `lowest`, whose weights are worth `enough` draws.
+  [[nodiscard]] double next_temperature(double lowest, double enough) const {
+    if (weigh(1).effective_size >= enough) return 1;
+    double low = lowest, high = 1;
+    for (int i = 0; i < 60; ++i) {
+      const double middle = low > 0 ? std::sqrt(low * high) : 0.5 * (low + high);
+      (weigh(middle).effective_size >= enough ? low : high) = middle;
+    }
+    return low > 0 ? low : high;
+  }
+
+  /// At most `count` points for `factor` [n] times ρ^{1−β} π̄^β, with weights none of which is worth more than
+  /// √n (Ionides 2008).
+  [[nodiscard]] WeightedPoints at(double beta, const Eigen::VectorXd& factor, Eigen::Index count,
+                                  std::uint64_t seed) const {
+    WeightedPoints some{points_, weigh(beta).values.cwiseProduct(factor)};
+    some.weights /= some.weights.sum();
+    some.weights = some.weights.cwiseMin(1 / std::sqrt(static_cast<double>(size())));
+    some.weights /= some.weights.sum();
+    thin(some.points, some.weights, count, seed);
+    some.weights /= some.weights.sum();
+    return some;
+  }
+
+ private:
+  struct Proposal {
+    MixtureProduct density;
+    double log_draws;
+  };
+
+  template <class Matrix>
+  static void append(const Matrix& more, Matrix& all) {
+    all.conservativeResize(all.rows() + more.rows(), more.cols());
+    all.bottomRows(more.rows()) = more;
+  }
+
+  Eigen::MatrixXd points_, fresh_;
+  Mixture reference_;
+  Eigen::VectorXd log_target_, log_reference_, part_;
+  Eigen::VectorXd log_drawn_;  ///< log Σ n_r q_r, of all proposals
+  std::vector<Proposal> proposals_;
+  LogDensityBatch batch_;
+};
+
+Eigen::MatrixXd variables_of(const Draws& draws, const RecycledImportanceOptions& options) {
+  return options.variables ? options.variables(draws.points()) : draws.points();
+}
+
+/// 1 + r²/d, r: distance of each draw from the mean in standard deviations of the variables. Errors of
+/// standard deviations are made far out, where a fit to the target itself has few draws; to sample |f| π̄ is
+/// best for the mean of f.
+Eigen::VectorXd emphasis(const Eigen::MatrixXd& variables, const Eigen::VectorXd& weights) {
+  Eigen::VectorXd factor = Eigen::VectorXd::Ones(variables.rows());
+  for (Eigen::Index k = 0; k < variables.cols(); ++k) {
+    const Eigen::ArrayXd squares = (variables.col(k).array() - variables.col(k).dot(weights)).square();
+    const double variance = squares.matrix().dot(weights);
+    if (variance > 0) factor.array() += squares / (variance * static_cast<double>(variables.cols()));
+  }
+  return factor;
+}
+
+/// `enough`: what the weights of the flattened target have to be worth, else there is none: behind a prior
+/// far away it may be where no draws are.
+MixtureProduct fitted(const Draws& draws, double beta, double enough,
+                      const RecycledImportanceOptions& options) {
+  const std::uint64_t seed = options.seed;
+  const double flat_beta = draws.weigh(k_flat * beta).effective_size >= enough ? k_flat * beta : beta;
+  const Eigen::VectorXd factor = emphasis(variables_of(draws, options), draws.weigh(beta).values);
+  const WeightedPoints target = draws.at(beta, factor, k_fit_points, seed),
+                       flat = draws.at(flat_beta, Eigen::VectorXd::Ones(draws.size()), k_fit_points, seed);
+  ImportanceProposal proposal(k_tails, k_flat_share);
+  const Eigen::MatrixXd even = numerics::resample(target.points, target.weights, k_group_points, seed),
+                        even_flat = numerics::resample(flat.points, flat.weights, k_group_points, seed);
+  proposal.fit(dependent_groups({even, even_flat}), target, flat);
+  return proposal.mixtures();
+}
+
+void state(const Draws& draws, const RecycledImportanceOptions& options, RecycledImportanceResult& r) {
+  const Draws::Weights weights = draws.weigh(1);
+  r.sample.points = draws.points();
+  r.sample.weights = weights.values;
+  r.sample.state_evidence(weights.log_sum);
+  r.state_errors(variables_of(draws, options));
+  r.converged = r.converged && r.temperatures.back() == 1;
+}
+
+}  // namespace
+
+RecycledImportanceResult recycled_importance(LogDensity& user_target,
+                                             const RecycledImportanceOptions& options) {
+  CheckedDensity target(user_target);
+  const Eigen::Index d = target.dimension();
+  const double enough = std::max(150.0, 20.0 * static_cast<double>(d));
+  RandomNumbers random(options.seed);
+  Draws draws(d);
+  const auto spent = [&] { return options.spent ? options.spent() : target.evaluations(); };
+  const auto affordable = [&] { return spent() + options.draws <= options.max_evaluations; };
+  const auto report = [&] {
+    const double share = static_cast<double>(spent()) / static_cast<double>(options.max_evaluations);
+    if (options.progress && !options.progress(std::min(1.0, share)))
+      throw Interrupted(fmt::format("smc: interrupted after {} draws", draws.size()));
+  };
+  report();
+  draws.add(target, of_all(Mixture::standard_normal(d)), options.draws, random);
+  if (draws.are_all_outside())
+    throw NumericalError(
+        fmt::format("smc: the density is zero at all {} first draws from N(0, I)", draws.size()));
+  RecycledImportanceResult result;
+  std::vector<Mode> modes;
+  for (double beta = 0;;) {
+    beta = draws.next_temperature(beta, enough);
+    result.temperatures.push_back(beta);
+    state(draws, options, result);
+    if (result.is_done(options.share_of_tolerance) || !affordable()) break;
+    report();
+    if (beta < 1 && modes.empty() && result.temperatures.size() >= k_rounds_before_ascents) {
+      const Eigen::VectorXd evenly = Eigen::VectorXd::Ones(draws.size());
+      ModeSearch().ascend_from(target, draws.at(beta, evenly, k_ascents, options.seed).points, modes);
+      if (!affordable()) break;
+      draws.add(target, of_all(around(modes)), options.draws, random);
+    } else {
+      draws.add(target, fitted(draws, beta, enough / 3, options), options.draws, random);
+    }
+  }
+  result.sample.density_evaluations = target.evaluations();
+  return result;
+}
+
+}  // namespace knothe::posterior

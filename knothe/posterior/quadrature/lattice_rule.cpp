@@ -1,0 +1,59 @@
+#include "knothe/posterior/quadrature/lattice_rule.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
+
+namespace knothe::posterior {
+
+using Eigen::Index;
+using numerics::k_quantile_levels;
+
+void evaluate_in_blocks(CheckedDensity& target, const Eigen::MatrixXd& points, LogDensityBatch& workspace,
+                        Eigen::VectorXd& values) {
+  // Few sizes of blocks: a target may keep workspace for each.
+  for (Index begin = 0, block = 512; begin < values.size(); begin += block) {
+    while (block > values.size() - begin) block /= 2;
+    target.evaluate(points.middleRows(begin, block), 0, workspace);
+    values.segment(begin, block) = workspace.value;
+  }
+}
+
+void Marginals::add(const numerics::GridRun& run, const Eigen::VectorXd& weights, Index first, Index stride,
+                    std::span<const Index> row) {
+  const Index n = std::max<Index>((run.end - first + stride - 1) / stride, 0);
+  const auto of_run = weights(Eigen::seqN(run.at + first - run.begin, n, stride));
+  mass.rightCols<1>()(Eigen::seqN(first, n, stride)) += of_run;
+  const double total = of_run.sum();
+  for (std::size_t k = 0; k < row.size(); ++k) mass(row[k], static_cast<Index>(k)) += total;
+  sum += total;
+}
+
+std::array<double, 2> Marginals::moments(Index k) const {
+  const Eigen::ArrayXd at = Eigen::ArrayXd::LinSpaced(mass.rows(), 0, static_cast<double>(mass.rows() - 1));
+  const double mean = (mass.col(k).array() * at).sum() / sum;
+  return {mean, std::sqrt((mass.col(k).array() * (at - mean).square()).sum() / sum)};
+}
+
+double Marginals::change_from(const Marginals& coarser, Index k) const {
+  const auto [mean, deviation] = moments(k);
+  const auto [coarse_mean, coarse_deviation] = coarser.moments(k);
+  return std::max(std::abs(coarse_mean - mean) / deviation, std::abs(coarse_deviation / deviation - 1));
+}
+
+Eigen::RowVectorXd Marginals::quantiles(Index k, const Eigen::Ref<const Eigen::VectorXd>& line) const {
+  const auto n = static_cast<std::size_t>(line.size());
+  return quantiles_of_nodes({line.data(), n}, {mass.col(k).data(), n}, line[1] - line[0]);
+}
+
+Eigen::RowVectorXd quantiles_of_nodes(std::span<const double> nodes, std::span<const double> weights,
+                                      double spacing) {
+  constexpr double k_spread = 1.3;  ///< of a node, in spacings
+  Eigen::RowVectorXd result(std::ssize(k_quantile_levels));
+  numerics::lattice_quantiles(nodes, weights, k_spread * spacing, k_quantile_levels,
+                              {result.data(), k_quantile_levels.size()});
+  return result;
+}
+
+}  // namespace knothe::posterior

@@ -1,0 +1,31 @@
+#include "knothe/posterior/trust.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+namespace knothe::posterior {
+namespace {
+
+TEST(Trust, AllThreeMustHold) {
+  EXPECT_TRUE(trust_of(MapFigures{0.05, 0.9, false, ""}).trusted);
+  EXPECT_EQ(trust_of(MapFigures{0.05, 0.9, false, ""}).reason, "");
+  EXPECT_FALSE(trust_of(MapFigures{0.051, 1, false, ""}).trusted);
+  EXPECT_FALSE(trust_of(MapFigures{0, 0.899, false, ""}).trusted);
+  EXPECT_FALSE(trust_of(MapFigures{0, 1, true, "a second mode"}).trusted);
+}
+
+TEST(Trust, TheReasonIsInWords) {
+  EXPECT_EQ(trust_of(MapFigures{0.2, 0.75, true, "a second mode was found at z = (1, 2)"}).reason,
+            "the variance diagnostic on independent points is 0.2, above 0.05; the effective sample size is "
+            "75 % of "
+            "the points, below 90 %; a second mode was found at z = (1, 2)");
+}
+
+TEST(Trust, WhatIsNotANumberIsNotTrusted) {
+  EXPECT_FALSE(trust_of(MapFigures{std::nan(""), 1, false, ""}).trusted);
+  EXPECT_FALSE(trust_of(MapFigures{0, std::nan(""), false, ""}).trusted);
+}
+
+}  // namespace
+}  // namespace knothe::posterior

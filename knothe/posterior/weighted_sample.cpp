@@ -1,0 +1,128 @@
+#include "knothe/posterior/weighted_sample.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <utility>
+#include <vector>
+
+#include "knothe/base/error.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
+#include "knothe/posterior/random_numbers.hpp"
+
+namespace knothe::posterior {
+
+namespace {
+
+void require_weights(const WeightedSample& sample) {
+  if (sample.points.rows() == 0 || sample.points.rows() != sample.weights.size())
+    throw UsageError(fmt::format("weighted sample: {} points and {} weights; there must be as many, and some",
+                                 sample.points.rows(), sample.weights.size()));
+  if (!(sample.weights.sum() > 0) || !(sample.weights.minCoeff() >= 0))
+    throw UsageError("weighted sample: weights must be non-negative, with a positive sum");
+}
+
+constexpr double k_mean_tolerance = 0.1, k_deviation_tolerance = 0.05;
+
+}  // namespace
+
+void WeightedSample::state_evidence(double log_evidence_of_weights) {
+  effective_size = 1 / weights.squaredNorm();
+  log_evidence = log_evidence_of_weights;
+  log_evidence_error = std::sqrt(std::max(0.0, 1 / effective_size - 1 / static_cast<double>(weights.size())));
+  has_evidence = true;
+}
+
+void ImportanceResult::state_errors(const Eigen::MatrixXd& variables) {
+  const MomentErrors errors = standard_errors(variables, sample.weights);
+  mean_error = 4 * errors.mean, deviation_error = 4 * errors.deviation;
+  converged = mean_error <= k_mean_tolerance && deviation_error <= k_deviation_tolerance;
+}
+
+bool ImportanceResult::is_done(double share) const {
+  return converged && mean_error <= share * k_mean_tolerance &&
+         deviation_error <= share * k_deviation_tolerance;
+}
+
+Eigen::VectorXd mean_of(const WeightedSample& sample) {
+  require_weights(sample);
+  return numerics::moments_of(sample.points, sample.weights).mean;
+}
+
+Eigen::MatrixXd covariance_of(const WeightedSample& sample) {
+  require_weights(sample);
+  return numerics::moments_of(sample.points, sample.weights).covariance;
+}
+
+MomentErrors standard_errors(const Eigen::MatrixXd& variables, const Eigen::VectorXd& weights) {
+  MomentErrors squared;
+  for (Eigen::Index k = 0; k < variables.cols(); ++k) {
+    const auto x = variables.col(k).array();
+    const double mean = x.matrix().dot(weights), variance = (weights.array() * (x - mean).square()).sum();
+    if (!(variance > 0)) continue;
+    squared.mean = std::max(squared.mean, (weights.array() * (x - mean)).square().sum() / variance);
+    squared.deviation = std::max(
+        squared.deviation, 0.25 * (weights.array() * ((x - mean).square() / variance - 1)).square().sum());
+  }
+  return {std::sqrt(squared.mean), std::sqrt(squared.deviation)};
+}
+
+void thin(Eigen::MatrixXd& points, Eigen::VectorXd& weights, Eigen::Index count, std::uint64_t seed) {
+  const Eigen::Index n = weights.size();
+  if (n <= count) return;
+  // c with Σ min(1, w/c) = count: the k heaviest are above it, the others share what is left.
+  std::vector<double> sorted(weights.begin(), weights.end());
+  std::sort(sorted.begin(), sorted.end(), std::greater<>());
+  double rest = weights.sum(), limit = 0;
+  for (Eigen::Index k = 0; k < count; ++k) {
+    limit = rest / static_cast<double>(count - k);
+    const double heaviest = sorted[k];
+    if (heaviest <= limit) break;
+    rest -= heaviest;
+  }
+  std::vector<Eigen::Index> kept;
+  double cumulative = RandomNumbers(seed).uniform() * limit;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    if (weights[i] > limit) {
+      kept.push_back(i);
+      continue;
+    }
+    cumulative += weights[i];
+    if (cumulative < limit) continue;
+    cumulative -= limit;
+    weights[i] = limit;
+    kept.push_back(i);
+  }
+  points = points(kept, Eigen::all).eval();
+  weights = weights(kept).eval();
+  weights /= weights.sum();
+}
+
+void sort_along_curve(Eigen::MatrixXd& points, Eigen::VectorXd& weights) {
+  const Eigen::Index n = points.rows(), d = points.cols(), bits = std::min<Eigen::Index>(64 / d, 16);
+  const Eigen::RowVectorXd mean = weights.transpose() * points;
+  const Eigen::RowVectorXd spread =
+      (weights.transpose() * (points.rowwise() - mean).cwiseAbs2()).cwiseSqrt().cwiseMax(1e-300);
+  std::vector<std::pair<std::uint64_t, Eigen::Index>> keys(static_cast<std::size_t>(n));
+  for (Eigen::Index i = 0; i < n; ++i) {
+    std::uint64_t key = 0;
+    for (Eigen::Index k = 0; k < d; ++k) {
+      const double t = (points(i, k) - mean[k]) / spread[k];
+      const double place = 0.5 * (1 + t / (1 + std::abs(t)));  // in [0, 1]
+      const auto cell =
+          static_cast<std::uint64_t>(std::min(place, 0.9999999) * std::exp2(static_cast<double>(bits)));
+      for (Eigen::Index b = 0; b < bits; ++b) key |= (cell >> b & 1U) << (b * d + k);
+    }
+    keys[i] = {key, i};
+  }
+  std::sort(keys.begin(), keys.end());
+  std::vector<Eigen::Index> order;
+  order.reserve(keys.size());
+  for (const auto& [key, i] : keys) order.push_back(i);
+  points = points(order, Eigen::all).eval();
+  weights = weights(order).eval();
+}
+
+}  // namespace knothe::posterior

@@ -1,0 +1,151 @@
+#include "knothe/record/assimilation_output.hpp"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "knothe/base/text.hpp"
+#include "knothe/files/json_line.hpp"
+#include "knothe/imaging/series/camera_drift.hpp"
+#include "knothe/record/forecast_text.hpp"
+#include "knothe/record/picture_record.hpp"
+#include "knothe/record/step_record.hpp"
+
+namespace knothe::record {
+namespace {
+
+/// What a step's line says of its picture; the time line begins where the picture is in memory.
+void add_picture(nlohmann::ordered_json& line, const project::PictureDatum& datum,
+                 const project::PictureMeasurements& pictures) {
+  const imaging::PictureResult& r = datum.picture;
+  // The camera's motions are no data that are missing.
+  line["missing"] = line["missing"].get<int>() - imaging::drift_modes(pictures.series().options().drift);
+  line["picture"] = {{"name", r.picture},
+                     {"missing", r.missing},
+                     {"iterations", r.correlation.iterations},
+                     {"start", r.correlation.searched    ? "search"
+                               : r.correlation.predicted ? "model"
+                                                         : "last"},
+                     {"residual_rms", r.correlation.residual_rms},
+                     {"elements_rejected", r.correlation.elements_rejected}};
+  if (r.missing) line["picture"]["message"] = r.message;
+  if (r.crack) line["picture"]["crack"] = crack_record(*r.crack, pictures.frame());
+  auto& elapsed = line["elapsed_us"];
+  elapsed["correlation"] = datum.correlation_us;
+  elapsed["precision"] = datum.precision_us;
+  double total = elapsed["total"].get<double>() + datum.correlation_us + datum.precision_us;
+  elapsed["wait"] = datum.wait_us;
+  if (r.crack) elapsed["crack"] = 1e3 * r.crack_ms, total += 1e3 * r.crack_ms;
+  elapsed["total"] = total;
+}
+
+}  // namespace
+
+AssimilationOutput::AssimilationOutput(bool json, std::vector<model::Axis> axes, std::size_t steps)
+    : json_(json), live_(!json && isatty(STDERR_FILENO) == 1), axes_(std::move(axes)), steps_(steps) {}
+
+AssimilationOutput::~AssimilationOutput() {
+  if (live_) std::fputs("\r\033[K", stderr);
+}
+
+void AssimilationOutput::show(const assimilation::StepResult& result,
+                              const std::optional<project::PictureDatum>& picture,
+                              const project::PictureMeasurements* pictures) {
+  ++shown_;
+  if (!result.update.trusted) untrusted_.push_back(result.update.step);
+  run_.add(result.update.verdict);
+  models_ = result.models;
+  forecasts_ = result.forecasts;
+  if (picture && picture->picture.missing) fmt::print(stderr, "{}\n", picture->picture.message);
+  tell_sensors(result);
+  if (json_) print_record(result, picture, pictures);
+  if (!result.update.notice.empty())
+    fmt::print(stderr, "step {}: {}\n", result.update.step, result.update.notice);
+  const double picture_us = picture ? picture->correlation_us + picture->precision_us : 0;
+  tell_verdict(result.update);
+  if (!json_) print_text(result, picture_us + result.update.elapsed_us.total() + result.forecast_us);
+}
+
+/// The verdict, where it is another than at the step before.
+void AssimilationOutput::tell_verdict(const assimilation::UpdateResult& update) {
+  if (update.verdict.level == told_level_) return;
+  told_level_ = update.verdict.level;
+  fmt::print(stderr, "step {}: {}\n", update.step, verdict_text(update.verdict));
+}
+
+/// What a person should know of the sensors, once for each that stops.
+void AssimilationOutput::tell_sensors(const assimilation::StepResult& result) {
+  for (const auto& [sensors, what] :
+       {std::pair(&result.stuck, "is stuck: the same value at five steps while the model moves"),
+        std::pair(&result.absent, "is silent: no value at five steps")}) {
+    for (const Eigen::Index i : *sensors)
+      if (told_.insert(i).second) fmt::print(stderr, "step {}: sensor {} {}\n", result.update.step, i, what);
+  }
+}
+
+void AssimilationOutput::print_record(const assimilation::StepResult& result,
+                                      const std::optional<project::PictureDatum>& picture,
+                                      const project::PictureMeasurements* pictures) const {
+  auto record = step_record(result, axes_);
+  if (picture) add_picture(record, *picture, *pictures);
+  fmt::print("{}\n", files::json_line(record));
+  std::fflush(stdout);
+}
+
+/// The line a person sees while it happens, and a row of the table that stays.
+void AssimilationOutput::print_text(const assimilation::StepResult& result, double total_us) const {
+  const assimilation::UpdateResult& r = result.update;
+  std::string text = fmt::format("step {:3}", r.step);
+  for (std::size_t k = 0; k < axes_.size(); ++k) {
+    const auto i = static_cast<Eigen::Index>(k);
+    text += fmt::format(
+        "  {} {}", axes_[k].name,
+        value_text(r.mean[i], std::sqrt(r.covariance(i, i)), axes_[k].reference == 1 ? axes_[k].units : "1"));
+  }
+  if (r.map_order > 0) text += fmt::format("  order {}", r.map_order);
+  if (!result.forecasts.empty()) {
+    const assimilation::NamedForecast& first = result.forecasts[0];
+    text +=
+        fmt::format("  {} {}", first.name, value_text(first.forecast.mean, first.forecast.std, first.units));
+  }
+  text += fmt::format("  {:.0f} µs", total_us);
+  if (r.verdict.level != assimilation::VerdictLevel::ok)
+    text += fmt::format("  {}", to_text(r.verdict.level));
+  if (live_) std::fprintf(stderr, "\r\033[K%s", text.c_str());
+  if ((r.step + 1) % 10 != 0 && shown_ != steps_) return;
+  if (live_) std::fputs("\r\033[K", stderr);
+  fmt::print("{}\n", text);
+  std::fflush(stdout);
+}
+
+void AssimilationOutput::tell(const project::Refinement& refinement) {
+  run_.forget_model();
+  const project::PosteriorMove& move = refinement.whole_move();
+  fmt::print(stderr,
+             "{}step {}: the full-order model was run ({} so far): the reduced model's error was {:.2g} "
+             "standard deviations; refined model: {}\n",
+             live_ ? "\r\033[K" : "", shown_, counted(refinement.runs(), "run"), move.mean,
+             refinement.file());
+}
+
+void AssimilationOutput::finish(double elapsed_s, const std::string& results_folder) {
+  if (json_) {
+    const nlohmann::ordered_json last = {{"done", true},
+                                         {"steps", shown_},
+                                         {"verdict", verdict_record(verdict())},
+                                         {"untrusted", untrusted_},
+                                         {"elapsed_s", elapsed_s}};
+    fmt::print("{}\n", files::json_line(last));
+    return;
+  }
+  fmt::print("{} in {:.2f} s, untrusted: {}; results in {}\n", counted(shown_, "step"), elapsed_s,
+             untrusted_.empty() ? "none" : fmt::format("{}", fmt::join(untrusted_, ", ")), results_folder);
+  for (const assimilation::NamedForecast& forecast : forecasts_) fmt::print("{}\n", forecast_text(forecast));
+  if (!models_.empty()) fmt::print("{}\n", assimilation::comparison_text(models_));
+  fmt::print("{}\n", verdict_text(verdict()));
+}
+
+}  // namespace knothe::record

@@ -1,0 +1,51 @@
+#pragma once
+/// @file What `knothe assimilate` prints while it happens: JSON lines, or a live line and a table for people.
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "knothe/assimilation/engine/step_result.hpp"
+#include "knothe/project/picture_measurements.hpp"
+#include "knothe/project/refinement.hpp"
+
+namespace knothe::record {
+
+class AssimilationOutput {
+ public:
+  /// `axes`: of the model's parameters; `steps`: how many there will be.
+  AssimilationOutput(bool json, std::vector<model::Axis> axes, std::size_t steps);
+  ~AssimilationOutput();
+  AssimilationOutput(const AssimilationOutput&) = delete;
+  AssimilationOutput& operator=(const AssimilationOutput&) = delete;
+
+  /// A step; `picture`: what it was measured in, one of `pictures`.
+  void show(const assimilation::StepResult& result, const std::optional<project::PictureDatum>& picture,
+            const project::PictureMeasurements* pictures);
+  /// The model was refined at the step that is shown next.
+  void tell(const project::Refinement& refinement);
+  /// All steps are done.
+  void finish(double elapsed_s, const std::string& results_folder);
+  [[nodiscard]] assimilation::Verdict verdict() const { return run_.verdict(); }  ///< of the steps so far
+  [[nodiscard]] std::size_t shown() const { return shown_; }
+
+ private:
+  void print_record(const assimilation::StepResult& result,
+                    const std::optional<project::PictureDatum>& picture,
+                    const project::PictureMeasurements* pictures) const;
+  void print_text(const assimilation::StepResult& result, double total_us) const;
+  void tell_verdict(const assimilation::UpdateResult& update);
+  void tell_sensors(const assimilation::StepResult& result);
+
+  bool json_, live_;
+  std::vector<model::Axis> axes_;
+  std::size_t steps_, shown_ = 0;
+  std::vector<std::size_t> untrusted_;
+  assimilation::RunVerdict run_;
+  assimilation::VerdictLevel told_level_ = assimilation::VerdictLevel::ok;
+  std::set<Eigen::Index> told_;  ///< sensors that stopped
+  std::vector<assimilation::ComparedModel> models_;
+  std::vector<assimilation::NamedForecast> forecasts_;  ///< of the last step
+};
+
+}  // namespace knothe::record

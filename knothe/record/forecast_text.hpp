@@ -1,0 +1,19 @@
+#pragma once
+/// @file Numbers as the console says them.
+#include <string>
+
+#include "knothe/assimilation/forecast/forecaster.hpp"
+
+namespace knothe::record {
+
+/// "−0.4012 ± 0.0012 mm": the standard deviation with two significant digits, the mean to the same decimal;
+/// metres as mm, or µm where both are below 10 µm.
+[[nodiscard]] std::string value_text(double mean, double std, const std::string& units);
+
+/// "12.3 %", "< 0.1 %", "> 99.9 %": of samples, none of them above does not mean never.
+[[nodiscard]] std::string probability_text(double probability);
+
+/// A forecast with its horizon, its 95 % interval, and the probabilities on either side of its threshold.
+[[nodiscard]] std::string forecast_text(const assimilation::NamedForecast& forecast);
+
+}  // namespace knothe::record

@@ -1,0 +1,65 @@
+#include "knothe/record/forecast_text.hpp"
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "knothe/record/physical_parameters.hpp"
+
+namespace knothe::record {
+namespace {
+
+TEST(ForecastText, HasAsManyDigitsAsTheStandardDeviationAsksFor) {
+  EXPECT_EQ(value_text(-4.012e-4, 1.23e-6, "m"), "−0.4012 ± 0.0012 mm");
+  EXPECT_EQ(value_text(0.0412, 0.0013, "m"), "41.2 ± 1.3 mm");
+  EXPECT_EQ(value_text(3.21e-6, 4.5e-7, "m"), "3.21 ± 0.45 µm");
+  EXPECT_EQ(value_text(1152.34, 0.567, "N"), "1152.34 ± 0.57 N");
+  EXPECT_EQ(value_text(1.00123, 0.0034, "1"), "1.0012 ± 0.0034");
+  EXPECT_EQ(value_text(2, 0, "N"), "2.000 ± 0 N");
+}
+
+TEST(ForecastText, ProbabilitiesAreNeverCertain) {
+  EXPECT_EQ(probability_text(4.54e-56), "< 0.1 %");
+  EXPECT_EQ(probability_text(1), "> 99.9 %");
+  EXPECT_EQ(probability_text(0.1234), "12.3 %");
+}
+
+TEST(ForecastText, SaysHorizonThresholdAndBothProbabilities) {
+  assimilation::NamedForecast tip;
+  tip.name = "tip", tip.units = "m", tip.horizon = 0.3, tip.threshold = -5e-4;
+  tip.forecast.mean = -4.012e-4, tip.forecast.std = 1.23e-6, tip.forecast.maximum_a_posteriori = -4.01e-4;
+  tip.forecast.values = {-4.036e-4, -4.02e-4, -4.012e-4, -4.004e-4, -3.988e-4};
+  tip.forecast.probability_above_threshold = 1;
+  EXPECT_EQ(forecast_text(tip),
+            "tip at time 0.3: −0.4012 ± 0.0012 mm, most probable −0.4010, 95 % in [−0.4036, −0.3988]; "
+            "threshold −0.5 mm: P(above) > 99.9 %, P(below) < 0.1 %");
+  tip.threshold_stated = false;
+  EXPECT_EQ(forecast_text(tip),
+            "tip at time 0.3: −0.4012 ± 0.0012 mm, most probable −0.4010, 95 % in [−0.4036, −0.3988]");
+  tip.is_past = true;
+  EXPECT_EQ(forecast_text(tip).substr(0, 46), "tip at time 0.3 (past: no longer a forecast): ");
+}
+
+TEST(PhysicalParameters, UnitsAreThoseOfTheReferenceValue) {
+  model::Axis beam{"Y0", {}, "1", "damage threshold Y0, multiple of its reference [J/m3]", 216};
+  model::Axis own{"k", {}, "1", "stiffness, multiple of 2e+06 N/m", 2e6};
+  EXPECT_EQ(reference_units(beam), "J/m3");
+  EXPECT_EQ(reference_units(own), "N/m");
+  EXPECT_EQ(reference_units({"p", {}, "Pa", "", 1}), "Pa");
+  EXPECT_EQ(reference_units({"p", {}, "1", "something", 3}), "");
+  const std::vector<model::Axis> axes = {beam, own};
+  const auto record =
+      physical_record(axes, Eigen::Vector2d(1.001, 0.5), Eigen::Vector2d(1e-4, 4e-2).asDiagonal());
+  EXPECT_DOUBLE_EQ(record["Y0"]["mean"].get<double>(), 216.216);
+  EXPECT_DOUBLE_EQ(record["Y0"]["std"].get<double>(), 2.16);
+  EXPECT_EQ(record["k"]["units"], "N/m");
+  EXPECT_DOUBLE_EQ(record["k"]["std"].get<double>(), 4e5);
+}
+
+TEST(PhysicalParameters, WallClockIsIso8601) {
+  using namespace std::chrono;
+  EXPECT_EQ(utc_text(system_clock::time_point(milliseconds(1763901846123))), "2025-11-23T12:44:06.123Z");
+}
+
+}  // namespace
+}  // namespace knothe::record

@@ -1,0 +1,244 @@
+#include "knothe/record/inference_results.hpp"
+
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <numeric>
+
+#include "knothe/base/version.hpp"
+#include "knothe/files/atomic_file.hpp"
+#include "knothe/files/json_line.hpp"
+#include "knothe/files/netcdf.hpp"
+#include "knothe/posterior/map/map_file.hpp"
+#include "knothe/posterior/quadrature/marginal_density.hpp"
+#include "knothe/record/json_values.hpp"
+#include "knothe/record/physical_parameters.hpp"
+
+namespace knothe::record {
+namespace {
+
+using Json = nlohmann::ordered_json;
+using assimilation::InferenceResult;
+
+constexpr const char* k_map_file = "map.h5";
+constexpr Eigen::Index k_shown_draws = 700;  ///< in the report's figures
+
+Json columns_of(const Eigen::MatrixXd& m) {
+  return rows_of(m.transpose());
+}
+
+Json density_of(const posterior::MarginalDensity& density) {
+  return {{"points", density.points}, {"density", density.density}};
+}
+
+/// Every parameter's marginal, seen by weighted points.
+Json marginals_of(const Eigen::MatrixXd& points, const Eigen::VectorXd& weights,
+                  const std::vector<posterior::Prior>& priors) {
+  Json all = Json::array();
+  for (Eigen::Index k = 0; k < points.cols(); ++k)
+    all.push_back(density_of(posterior::marginal_density(points.col(k), weights, priors[k])));
+  return all;
+}
+
+Eigen::MatrixXd some_of(const Eigen::MatrixXd& draws) {
+  const Eigen::Index n = std::min(k_shown_draws, draws.rows());
+  return draws(Eigen::seqN(0, n, std::max<Eigen::Index>(1, draws.rows() / n)), Eigen::all);
+}
+
+/// What the page of `knothe report` draws.
+Json figures_of(const project::InferenceSetup& setup, const InferenceResult& r) {
+  Json figures;
+  figures["posterior"] = marginals_of(r.points, r.weights, setup.priors);
+  if (setup.observations) {
+    for (const posterior::Prior& prior : setup.priors)
+      figures["prior"].push_back(density_of(posterior::marginal_density(prior)));
+  }
+  figures["draws"] = columns_of(some_of(r.draws));
+  if (r.map.empty()) return figures;
+  const assimilation::MapDetails& map = r.map.front();
+  const Eigen::Index n = map.draws_of_map.rows();
+  figures["map"] = marginals_of(map.draws_of_map, Eigen::VectorXd::Constant(n, 1.0 / static_cast<double>(n)),
+                                setup.priors);
+  // The first of them: every other point of a Sobol sequence lies in one half of the plane.
+  figures["map_draws"] = columns_of(map.draws_of_map.topRows(std::min(k_shown_draws, n)));
+  const std::vector<posterior::Prior> reference(setup.priors.size(), posterior::Prior::normal(0, 1));
+  figures["pull_back"] = marginals_of(map.pulled_back, map.weights, reference);
+  // The same points without their weights: a standard normal under the same smoothing.
+  const Eigen::Index m = map.weights.size();
+  figures["reference"] =
+      marginals_of(map.pulled_back, Eigen::VectorXd::Constant(m, 1.0 / static_cast<double>(m)), reference);
+  figures["pull_back_draws"] = columns_of(numerics::resample(map.pulled_back, map.weights, k_shown_draws, 1));
+  figures["diagnostic_by_order"] = map.map.diagnostic_by_order;
+  figures["objective_by_order"] = map.map.objective_by_order;
+  figures["training_diagnostic"] = map.map.training_diagnostic;
+  figures["map_method"] = map.map.method;
+  return figures;
+}
+
+std::vector<std::int64_t> counted(Eigen::Index n) {
+  std::vector<std::int64_t> numbers(n);
+  std::iota(numbers.begin(), numbers.end(), 0);
+  return numbers;
+}
+
+/// n × d to C order.
+std::vector<double> c_order(const Eigen::MatrixXd& m) {
+  std::vector<double> out;
+  out.reserve(m.size());
+  for (Eigen::Index i = 0; i < m.rows(); ++i)
+    for (Eigen::Index k = 0; k < m.cols(); ++k) out.push_back(m(i, k));
+  return out;
+}
+
+void write_samples(const std::string& path, const project::Project& project,
+                   const project::InferenceSetup& setup, const InferenceResult& r) {
+  using Names = std::vector<std::string>;
+  files::write_atomically(path, [&](const std::string& temporary) {
+    files::NetcdfWriter out(temporary);
+    const auto d = setup.parameters.size();
+    out.add_dimension("posterior", "chain", counted(r.chains), {"1", "chain"});
+    out.add_dimension("posterior", "draw", counted(r.draws.rows() / r.chains), {"1", "draw"});
+    for (std::size_t k = 0; k < d; ++k) {
+      const auto column = r.draws.col(k);
+      add_draws_of(setup.axes[k], {"chain", "draw"},
+                   std::span(column.data(), static_cast<std::size_t>(r.draws.rows() / r.chains * r.chains)),
+                   out);
+    }
+    out.add_dimension("weighted_posterior", "point", static_cast<std::size_t>(r.points.rows()));
+    out.add_dimension("weighted_posterior", "parameter", setup.parameters, {"1", "parameter"});
+    out.add_variable("weighted_posterior", "points", Names{"point", "parameter"}, c_order(r.points),
+                     {"1", "points"});
+    out.add_variable("weighted_posterior", "weights", Names{"point"},
+                     std::span(r.weights.data(), static_cast<std::size_t>(r.weights.size())),
+                     {"1", "weights, sum 1"});
+    out.add_attribute("weighted_posterior", "parameters",
+                      fmt::format("{}", fmt::join(setup.parameters, ",")));
+    out.add_dimension("sample_stats", "run", 1);
+    const auto statistic = [&](const char* name, double value, const char* meaning) {
+      out.add_variable("sample_stats", name, Names{"run"}, std::span(&value, 1), {"1", meaning});
+    };
+    statistic("ess", r.effective_sample_size, "effective sample size as a fraction of the weighted points");
+    statistic("trusted", r.trusted ? 1 : 0, "1 if trusted");
+    statistic("log_evidence", r.log_evidence, "natural logarithm");
+    statistic("distinct_draws", static_cast<double>(r.distinct_draws),
+              "how many of the draws differ from all others before them");
+    statistic("map_order", r.map_order, "order of the map, 0 without one");
+    statistic("variance_diagnostic", r.variance_diagnostic, "verified, 0 without a map");
+    out.add_attribute("", "created_by", k_created_by);
+    out.add_attribute("", "method", assimilation::to_text(r.method));
+    out.add_attribute("", "seed", std::to_string(project.method.seed));
+    out.add_attribute("", "project", project.text);
+    out.close();
+  });
+}
+
+/// The map as it was found, from the reference to standardised parameters, with what is needed to go on to
+/// the parameters themselves: p_k = F_k⁻¹(Φ(z_k)), F_k the distribution function of prior k. A map of an
+/// earlier run is taken away where this one has none.
+void write_map(const std::string& path, const project::Project& project, const project::InferenceSetup& setup,
+               const InferenceResult& r) {
+  if (r.map.empty()) {
+    std::error_code none;
+    std::filesystem::remove(path, none);
+    return;
+  }
+  posterior::MapMetadata metadata = {{"parameters", fmt::format("{}", fmt::join(setup.parameters, ","))},
+                                     {"model", setup.model->where()},
+                                     {"project", project.text},
+                                     {"verdict", r.verdict},
+                                     {"log_evidence", fmt::format("{:.17g}", r.log_evidence)}};
+  for (std::size_t k = 0; k < setup.priors.size(); ++k)
+    metadata["prior of " + setup.parameters[k]] = setup.priors[k].describe();
+  posterior::save_map(path, r.map.front().map.composed(), metadata);
+}
+
+}  // namespace
+
+Json inference_record(const InferenceResult& r, std::span<const model::Axis> axes,
+                      const std::string& samples_file) {
+  double model_seconds = 0;
+  for (const assimilation::PhaseTime& phase : r.phases) model_seconds += phase.model_seconds;
+  Json record = {
+      {"method", assimilation::to_text(r.method)},
+      {"parameters", parameter_names(axes)},
+      {"wall_clock", utc_text(std::chrono::system_clock::now())},
+      {"mean", to_json(r.mean)},
+      {"covariance", rows_of(r.covariance)},
+      {"maximum_a_posteriori", to_json(r.maximum_a_posteriori)},
+      {"quantiles", {{"levels", numerics::k_quantile_levels}, {"values", rows_of(r.quantiles)}}},
+      {"skewness", to_json(r.skewness)},
+      {"kurtosis", to_json(r.kurtosis)},
+      {"map_order", r.map_order},
+      {"variance_diagnostic", r.variance_diagnostic},
+      {"tolerance_reached", r.tolerance_reached},
+      {"ess", r.effective_sample_size},
+      {"trusted", r.trusted},
+      {"verdict", r.verdict},
+      {"edge_mass", to_json(r.edge_mass)},
+      {"log_evidence", r.log_evidence},
+      {"log_evidence_error", r.log_evidence_error},
+      {"model_evaluations", r.calls.evaluations},
+      {"model_calls",
+       {{"evaluate", r.calls.evaluations},
+        {"gradient", r.calls.gradients},
+        {"apply_jacobian", r.calls.jacobians},
+        {"apply_hessian", r.calls.hessians}}},
+      {"elapsed_us",
+       {{"update", r.seconds() * 1e6}, {"total", r.seconds() * 1e6}, {"model", model_seconds * 1e6}}},
+      {"samples_file", samples_file},
+      {"distinct_draws", r.distinct_draws},
+      {"physical", physical_record(axes, r.mean, r.covariance)}};
+  if (r.fit_probability) record["fit_probability"] = *r.fit_probability;
+  if (r.r_hat.size() > 0) {
+    record["r_hat"] = to_json(r.r_hat);
+    record["effective_sizes"] = to_json(r.effective_sizes);
+    record["std_errors"] = to_json(r.std_errors);
+    record["acceptance"] = r.acceptance;
+  }
+  if (!r.temperatures.empty()) record["temperatures"] = r.temperatures;
+  if (!r.map.empty())
+    record["map_file"] = (std::filesystem::path(samples_file).parent_path() / k_map_file).string();
+  if (!r.warnings.empty()) record["warnings"] = r.warnings;
+  return record;
+}
+
+Json comparison_record(const assimilation::Comparison& c, const std::string& first,
+                       const std::string& second) {
+  return {{"comparison",
+           {{"methods", {first, second}},
+            {"mean_difference", to_json(c.mean_difference)},
+            {"std_ratio", to_json(c.std_ratio)},
+            {"quantile_difference",
+             {{"levels", numerics::k_quantile_levels}, {"values", rows_of(c.quantile_difference)}}},
+            {"log_evidence_difference", c.log_evidence_difference},
+            {"log_evidence_error", c.log_evidence_error}}}};
+}
+
+std::string samples_path(const std::string& folder) {
+  return (std::filesystem::path(folder) / "samples.nc").string();
+}
+
+void write_inference(const std::string& folder, const project::Project& project,
+                     const project::InferenceSetup& setup, const InferenceResult& r) {
+  const std::string samples = samples_path(folder);
+  write_samples(samples, project, setup, r);
+  write_map((std::filesystem::path(folder) / k_map_file).string(), project, setup, r);
+  Json content = inference_record(r, setup.axes, samples);
+  content["created_by"] = k_created_by;
+  content["project"] = project.text;
+  content["seed"] = project.method.seed;
+  content["tolerance"] = project.method.update.map.tolerance;
+  content["model"] = setup.model->where();
+  for (const posterior::Prior& prior : setup.priors) {
+    content["priors"].push_back(prior.describe());
+    content["supports"].push_back(support_of(prior));
+  }
+  for (const assimilation::PhaseTime& phase : r.phases)
+    content["phases"].push_back(
+        {{"name", phase.name}, {"seconds", phase.seconds}, {"model_seconds", phase.model_seconds}});
+  content["figures"] = figures_of(setup, r);
+  files::write_text_atomically((std::filesystem::path(folder) / "inference.json").string(),
+                               files::json_line(content) + "\n");
+}
+
+}  // namespace knothe::record

@@ -1,0 +1,73 @@
+#include "knothe/record/physical_parameters.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <ctime>
+#include <nlohmann/json.hpp>
+
+namespace knothe::record {
+
+std::vector<std::string> parameter_names(std::span<const model::Axis> axes) {
+  std::vector<std::string> names;
+  for (const model::Axis& axis : axes) names.push_back(axis.name);
+  return names;
+}
+
+std::string reference_units(const model::Axis& axis) {
+  if (axis.reference == 1) return axis.units;
+  const std::string& text = axis.long_name;
+  constexpr std::string_view k_of_its = "multiple of its reference [", k_of = "multiple of ";
+  if (const auto at = text.find(k_of_its); at != std::string::npos) {
+    const std::size_t begin = at + k_of_its.size();
+    return text.substr(begin, text.find(']', begin) - begin);
+  }
+  const auto at = text.find(k_of);
+  if (at == std::string::npos) return "";
+  const auto space = text.find(' ', at + k_of.size());  // behind the number
+  return space == std::string::npos ? "" : text.substr(space + 1);
+}
+
+nlohmann::ordered_json support_of(const posterior::Prior& prior) {
+  auto support = nlohmann::ordered_json::array();
+  for (const double end : {prior.lower(), prior.upper()})
+    support.push_back(std::isfinite(end) ? nlohmann::ordered_json(end) : nlohmann::ordered_json());
+  return support;
+}
+
+nlohmann::ordered_json physical_record(std::span<const model::Axis> axes, const Eigen::VectorXd& mean,
+                                       const Eigen::MatrixXd& covariance) {
+  auto record = nlohmann::ordered_json::object();
+  for (std::size_t k = 0; k < axes.size(); ++k) {
+    const auto i = static_cast<Eigen::Index>(k);
+    auto& entry = record[axes[k].name];
+    entry = {{"mean", axes[k].reference * mean[i]},
+             {"std", std::abs(axes[k].reference) * std::sqrt(covariance(i, i))}};
+    if (const std::string units = reference_units(axes[k]); !units.empty()) entry["units"] = units;
+  }
+  return record;
+}
+
+files::Labels labels_of(const model::Axis& axis) {
+  return {axis.units.empty() ? "1" : axis.units, axis.long_name.empty() ? axis.name : axis.long_name};
+}
+
+void add_draws_of(const model::Axis& axis, const std::vector<std::string>& dimensions,
+                  std::span<const double> draws, files::NetcdfWriter& out) {
+  out.add_variable("posterior", axis.name, dimensions, draws, labels_of(axis));
+  out.add_number("posterior", axis.name, "reference", axis.reference);
+  if (const std::string units = reference_units(axis); !units.empty())
+    out.add_text("posterior", axis.name, "reference_units", units);
+}
+
+std::string utc_text(std::chrono::system_clock::time_point time) {
+  using std::chrono::milliseconds;
+  const auto since = std::chrono::duration_cast<milliseconds>(time.time_since_epoch()).count();
+  const std::time_t seconds = static_cast<std::time_t>(since / 1000);
+  std::tm parts{};
+  gmtime_r(&seconds, &parts);
+  return fmt::format("{:04}-{:02}-{:02}T{:02}:{:02}:{:02}.{:03}Z", parts.tm_year + 1900, parts.tm_mon + 1,
+                     parts.tm_mday, parts.tm_hour, parts.tm_min, parts.tm_sec, since % 1000);
+}
+
+}  // namespace knothe::record
