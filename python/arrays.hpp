@@ -38,13 +38,13 @@ template <class T>
 }
 template <class T>
 [[nodiscard]] py::array_t<T> array_of(std::vector<T> values) {
-  const auto size = static_cast<py::ssize_t>(values.size());
+  const auto size = std::ssize(values);
   return array_of(std::move(values), {size});
 }
 /// n × d of n·d numbers.
 [[nodiscard]] inline py::array_t<double> rows_of(std::vector<double> values, std::size_t columns) {
   const auto d = static_cast<py::ssize_t>(columns);
-  const auto n = d == 0 ? 0 : static_cast<py::ssize_t>(values.size()) / d;
+  const auto n = d == 0 ? 0 : std::ssize(values) / d;
   return array_of(std::move(values), {n, d});
 }
 

@@ -169,7 +169,7 @@ likelihood::Datum datum_of(std::size_t step, const Doubles& values, const Double
                            const std::string& session, std::int64_t seq) {
   likelihood::Datum datum{{source, session, seq}, step, step, library::vector_of(span_of(values)), {}};
   const Noise noise = noise_of(std, precision);
-  if (!noise.empty()) datum.noise = library::noise_of(noise, static_cast<std::size_t>(values.size()));
+  if (!noise.empty()) datum.noise = library::noise_of(noise, values.size());
   return datum;
 }
 
@@ -192,7 +192,7 @@ void bind_data(py::module_& module) {
 void bind_results(py::module_& module) {
   const auto points_of_result = [](const Result& result) {
     const posterior::Posterior& p = result.step.update;
-    return rows_of(plain(p.points), static_cast<std::size_t>(p.points.cols()));
+    return rows_of(plain(p.points), p.points.cols());
   };
   py::class_<Result, std::shared_ptr<Result>>(module, "Result")
       .def("json",
@@ -211,14 +211,14 @@ void bind_results(py::module_& module) {
       "distinct_draws",
       [](const Doubles& points, const Doubles& weights, Eigen::Index count, const Doubles& lower,
          const Doubles& upper) {
-        const auto n = static_cast<Eigen::Index>(weights.size());
+        const auto n = weights.size();
         const Eigen::Map<const model::RowMatrix> rows(points.data(), n, points.size() / n);
         const Eigen::VectorXd w = library::vector_of(span_of(weights)),
                               low = library::vector_of(span_of(lower)),
                               high = library::vector_of(span_of(upper));
         const Eigen::MatrixXd draws =
             long_call([&] { return numerics::distinct_draws(rows, w, count, low, high); });
-        return rows_of(plain(draws), static_cast<std::size_t>(draws.cols()));
+        return rows_of(plain(draws), draws.cols());
       },
       arg("points"), arg("weights"), arg("count"), arg("lower"), arg("upper"));
   module.def("marginal_density", &marginal_density, arg("values"), arg("weights"), arg("lower"),
@@ -317,10 +317,9 @@ void bind_twin(py::module_& module) {
             const record::StepDraws drawn =
                 long_call(twin.mutex, [&] { return twin.draws(step, count, stride); });
             const Eigen::MatrixXd predicted = drawn.predicted.transpose();
-            return py::make_tuple(
-                rows_of(plain(drawn.parameters), static_cast<std::size_t>(drawn.parameters.cols())),
-                array_of(plain(drawn.log_likelihood)),
-                rows_of(plain(predicted), static_cast<std::size_t>(predicted.cols())));
+            return py::make_tuple(rows_of(plain(drawn.parameters), drawn.parameters.cols()),
+                                  array_of(plain(drawn.log_likelihood)),
+                                  rows_of(plain(predicted), predicted.cols()));
           },
           arg("step"), arg("count"), arg("stride"))
       .def(

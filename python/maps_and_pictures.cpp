@@ -45,9 +45,8 @@ Density density_of(std::size_t dimension, py::function log_density, std::optiona
                                                          std::span<double> slope) {
       const py::gil_scoped_acquire hold;
       const auto values = cast_of<Doubles>(function(copy_of(point)), "the gradient", "numbers");
-      if (static_cast<std::size_t>(values.size()) != slope.size())
-        throw UsageError("fit: the gradient has " +
-                         counted(static_cast<std::size_t>(values.size()), "value") + " for " +
+      if (values.size() != std::ssize(slope))
+        throw UsageError("fit: the gradient has " + counted(values.size(), "value") + " for " +
                          counted(slope.size(), "variable"));
       std::copy_n(values.data(), slope.size(), slope.data());
     };
@@ -194,7 +193,7 @@ PictureMesh mesh_of(const Doubles& nodes, const Corners& elements) {
 py::tuple arrays_of_mesh(PictureMesh mesh) {
   std::vector<int> corners;
   for (const auto& element : mesh.elements) corners.insert(corners.end(), element.begin(), element.end());
-  const auto count = static_cast<py::ssize_t>(mesh.elements.size());
+  const auto count = std::ssize(mesh.elements);
   return py::make_tuple(array_of(std::move(mesh.x)), array_of(std::move(mesh.y)),
                         array_of(std::move(corners), {count, 4}));
 }

@@ -75,7 +75,7 @@ py::list densities_of(const std::vector<posterior::Prior>& priors) {
 }
 
 py::tuple arrays_of(Prediction p) {
-  const auto n = static_cast<py::ssize_t>(p.points), m = static_cast<py::ssize_t>(p.count);
+  const py::ssize_t n = p.points, m = p.count;
   const bool derivatives = !p.jacobian.empty();
   py::object jacobian = py::none();
   if (derivatives) jacobian = array_of(std::move(p.jacobian), {n, m, static_cast<py::ssize_t>(p.dimension)});
@@ -103,8 +103,8 @@ void require_inside(const model::ObservedModel& model, const Eigen::MatrixXd& po
   for (Eigen::Index i = 0; i < points.rows(); ++i)
     for (Eigen::Index k = 0; k < points.cols(); ++k)
       if (!(points(i, k) >= lower[k] && points(i, k) <= upper[k]))
-        throw UsageError("point " + std::to_string(i) + ": " + model.parameters[static_cast<std::size_t>(k)] +
-                         " = " + std::to_string(points(i, k)) + " is outside the model's box, " +
+        throw UsageError("point " + std::to_string(i) + ": " + model.parameters[k] + " = " +
+                         std::to_string(points(i, k)) + " is outside the model's box, " +
                          std::to_string(lower[k]) + " to " + std::to_string(upper[k]));
 }
 
@@ -132,8 +132,7 @@ Prediction predict(const model::ObservedModel& model, std::span<const double> po
     const Eigen::MatrixXd slope = model.space * (model.core[step] * w.first[k].transpose());
     for (std::size_t i = 0; i < n; ++i)
       for (std::size_t j = 0; j < out.count; ++j)
-        out.jacobian[(i * out.count + j) * d + k] =
-            slope(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(i));
+        out.jacobian[(i * out.count + j) * d + k] = slope(j, static_cast<Eigen::Index>(i));
   }
   return out;
 }
@@ -318,12 +317,11 @@ class CallableModel final : public model::ForwardModel {
     check_cancellation(k_nothing_kept);
     const py::gil_scoped_acquire hold;
     const Eigen::MatrixXd columns = points;  // a column each: n × d in C order, for the function to keep
-    const auto n = static_cast<py::ssize_t>(points.cols());
-    const py::array_t<double> rows({n, static_cast<py::ssize_t>(dimension_)}, columns.data());
+    const auto n = points.cols();
+    const py::array_t<double> rows({n, dimension_}, columns.data());
     const auto answer = function(rows).cast<Doubles>();
     if (answer.size() != n * size)
-      throw UsageError("the model gave " + counted(static_cast<std::size_t>(answer.size()), what) + " for " +
-                       counted(static_cast<std::size_t>(n), "point") +
+      throw UsageError("the model gave " + counted(answer.size(), what) + " for " + counted(n, "point") +
                        "; needed: " + std::to_string(n * size) + " (" + std::to_string(size) + " each)");
     out = Eigen::Map<const Eigen::MatrixXd>(answer.data(), size, n);
   }
@@ -361,7 +359,7 @@ void call_progress(const ProgressFunction& progress, Eigen::Index done, std::opt
 }
 
 std::optional<assimilation::Observations> observations_of(const InferenceValues& values) {
-  const auto n = static_cast<Eigen::Index>(values.observed.size());
+  const auto n = std::ssize(values.observed);
   if (n == 0) return std::nullopt;
   const Eigen::VectorXd y = library::vector_of(values.observed);
   if (!values.covariance.empty())
@@ -380,7 +378,7 @@ assimilation::InferenceResult infer(CallableModel& model, InferenceValues& value
       assimilation::useful_derivatives(values.options.method, model.has_jacobian()));
   std::optional<Eigen::Index> total;
   values.options.progress = [&](double share) {
-    if (share > 0) total = std::llround(static_cast<double>(model.calls().evaluations) / share);
+    if (share > 0) total = std::llround((model.calls().evaluations) / share);
     return !cancellation_requested();
   };
   evaluator.progress = [&](const model::ModelCalls& calls) {
@@ -408,8 +406,7 @@ py::dict infer_callable(py::function function, std::optional<py::function> jacob
   values.options.samples = samples;
   values.options.names = names;
   const auto outputs = static_cast<Eigen::Index>(std::max<std::size_t>(1, values.observed.size()));
-  CallableModel model(std::move(function), std::move(jacobian), static_cast<Eigen::Index>(names.size()),
-                      outputs);
+  CallableModel model(std::move(function), std::move(jacobian), std::ssize(names), outputs);
   const assimilation::InferenceResult result = long_call([&] { return infer(model, values, progress); });
   std::vector<model::Axis> axes;
   for (const std::string& name : names) axes.push_back({name, {}, "", "", 1});

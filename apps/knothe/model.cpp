@@ -57,7 +57,7 @@ int model_info(const ModelArguments& arguments) {
 int model_import(const ImportArguments& arguments) {
   model::CompressionOptions options;
   options.form = *from_text<model::Form>(arguments.form);
-  options.modes = static_cast<std::size_t>(arguments.modes);
+  options.modes = arguments.modes;
   if (arguments.tolerance > 0) options.tolerance = arguments.tolerance;
   options.quiet = false;
   files::refuse_overwriting(arguments.output, {arguments.snapshots});

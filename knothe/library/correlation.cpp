@@ -74,13 +74,13 @@ imaging::CorrelationOptions options_of(const CorrelationSettings& settings) {
 Noise::Precision rows_of(const Eigen::SparseMatrix<double>& matrix) {  // symmetric: its columns are its rows
   Noise::Precision rows;
   for (Eigen::Index k = 0; k < matrix.outerSize(); ++k) {
-    rows.row_begin.push_back(static_cast<std::int64_t>(rows.values.size()));
+    rows.row_begin.push_back(std::ssize(rows.values));
     for (Eigen::SparseMatrix<double>::InnerIterator it(matrix, k); it; ++it) {
       rows.values.push_back(it.value());
       rows.columns.push_back(it.index());
     }
   }
-  rows.row_begin.push_back(static_cast<std::int64_t>(rows.values.size()));
+  rows.row_begin.push_back(std::ssize(rows.values));
   return rows;
 }
 

@@ -30,8 +30,7 @@ using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::Ro
   if (columns == 0 || values.size() % columns != 0)
     throw UsageError(std::string(what) + ": " + std::to_string(values.size()) +
                      " numbers are not a multiple of " + std::to_string(columns) + " coordinates");
-  return Eigen::Map<const RowMajor>(values.data(), static_cast<Eigen::Index>(values.size() / columns),
-                                    static_cast<Eigen::Index>(columns));
+  return Eigen::Map<const RowMajor>(values.data(), values.size() / columns, columns);
 }
 
 }  // namespace knothe::library

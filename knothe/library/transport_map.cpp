@@ -260,7 +260,7 @@ void answer_by_few_variables_first(posterior::LogDensity& target, std::uint64_t 
   posterior.points = plain(sample.points);
   posterior.weights = plain(sample.weights);
   posterior.log_evidence = sample.log_evidence;
-  posterior.effective_sample_size = sample.effective_size / static_cast<double>(sample.weights.size());
+  posterior.effective_sample_size = sample.effective_size / sample.weights.size();
   posterior.trusted = true;
   posterior.remark = fmt::format(
       "the map is not trusted ({}); the posterior is by weighted draws, variable{} {} first: a mean is off "

@@ -236,7 +236,7 @@ void ModeSearch::accept(Eigen::Index i, Eigen::Index row) {
 /// From the rows of `trial_`.
 void ModeSearch::ascend(CheckedDensity& target) {
   const Eigen::Index d = target.dimension(), m = trial_.rows();
-  climbers_.assign(static_cast<std::size_t>(m), Climber{});
+  climbers_.assign(m, Climber{});
   position_ = trial_;
   gradient_.resize(m, d), hessian_.resize(m, d * (d + 1) / 2);
   matrix_.resize(d, d), step_.resize(d), unit_.resize(d);
@@ -249,12 +249,12 @@ void ModeSearch::ascend(CheckedDensity& target) {
     batch_points_.resize(std::ssize(batch_of_), d);
     batch_scales_.resize(std::ssize(batch_of_), d);
     for (std::size_t r = 0; r < batch_of_.size(); ++r) {
-      batch_points_.row(static_cast<Eigen::Index>(r)) = trial_.row(batch_of_[r]);
-      batch_scales_.row(static_cast<Eigen::Index>(r)) = scales_.row(batch_of_[r]);
+      batch_points_.row(r) = trial_.row(batch_of_[r]);
+      batch_scales_.row(r) = scales_.row(batch_of_[r]);
     }
     target.evaluate_with_differences(batch_points_, 2, batch_scales_, batch_);
     for (std::size_t r = 0; r < batch_of_.size(); ++r) {
-      const Eigen::Index i = batch_of_[r], row = static_cast<Eigen::Index>(r);
+      const Eigen::Index i = batch_of_[r], row = r;
       Climber& climber = climbers_[i];
       const bool better = climber.fresh || climber.refit || batch_.value[row] > climber.value;
       accept(i, row);
@@ -323,8 +323,8 @@ void ModeSearch::collect(CheckedDensity& target, std::vector<Mode>& modes) {
     if (std::any_of(modes.begin(), modes.end(), [&](const Mode& known) { return same(known, mode); }))
       continue;
     calibrate(target, i, mode);
-    mode.log_mass = mode.value + 0.5 * static_cast<double>(d) * std::log(2 * std::numbers::pi) +
-                    mode.lower.diagonal().array().log().sum();
+    mode.log_mass =
+        mode.value + 0.5 * d * std::log(2 * std::numbers::pi) + mode.lower.diagonal().array().log().sum();
     if (std::isfinite(mode.log_mass)) modes.push_back(std::move(mode));
   }
   std::stable_sort(modes.begin(), modes.end(),
@@ -351,8 +351,7 @@ void ModeSearch::run(CheckedDensity& target, bool several, std::vector<Mode>& mo
         scan_values_.size() - 1));
   choose_starts(several);
   trial_.resize(std::ssize(starts_), target.dimension());
-  for (std::size_t i = 0; i < starts_.size(); ++i)
-    trial_.row(static_cast<Eigen::Index>(i)) = scan_points_.row(starts_[i]);
+  for (std::size_t i = 0; i < starts_.size(); ++i) trial_.row(i) = scan_points_.row(starts_[i]);
   modes.clear();
   if (scan_values_.size() == near_count_) {
     ascend(target);

@@ -14,10 +14,10 @@ class RandomNumbers {
   explicit RandomNumbers(std::uint64_t seed) : engine_(seed) {}
 
   /// In (0, 1), never 0 or 1.
-  [[nodiscard]] double uniform() { return (static_cast<double>(engine_() >> 11) + 0.5) * 0x1p-53; }
+  [[nodiscard]] double uniform() { return ((engine_() >> 11) + 0.5) * 0x1p-53; }
   /// In 0 … n − 1.
   [[nodiscard]] Eigen::Index index(Eigen::Index n) {
-    return std::min(n - 1, static_cast<Eigen::Index>(uniform() * static_cast<double>(n)));
+    return std::min(n - 1, static_cast<Eigen::Index>(uniform() * n));
   }
   /// N(0, 1), by the polar method of Marsaglia.
   [[nodiscard]] double normal() {

@@ -77,7 +77,7 @@ void thin(Eigen::MatrixXd& points, Eigen::VectorXd& weights, Eigen::Index count,
   std::sort(sorted.begin(), sorted.end(), std::greater<>());
   double rest = weights.sum(), limit = 0;
   for (Eigen::Index k = 0; k < count; ++k) {
-    limit = rest / static_cast<double>(count - k);
+    limit = rest / (count - k);
     const double heaviest = sorted[k];
     if (heaviest <= limit) break;
     rest -= heaviest;
@@ -111,8 +111,7 @@ void sort_along_curve(Eigen::MatrixXd& points, Eigen::VectorXd& weights) {
     for (Eigen::Index k = 0; k < d; ++k) {
       const double t = (points(i, k) - mean[k]) / spread[k];
       const double place = 0.5 * (1 + t / (1 + std::abs(t)));  // in [0, 1]
-      const auto cell =
-          static_cast<std::uint64_t>(std::min(place, 0.9999999) * std::exp2(static_cast<double>(bits)));
+      const auto cell = static_cast<std::uint64_t>(std::min(place, 0.9999999) * std::exp2(bits));
       for (Eigen::Index b = 0; b < bits; ++b) key |= (cell >> b & 1U) << (b * d + k);
     }
     keys[i] = {key, i};

@@ -20,7 +20,7 @@ std::optional<Eigen::Index> row_of(const assimilation::ForecastSpecification& f,
   }
   if (f.quantity != Quantity::displacement) return std::nullopt;
   for (Eigen::Index j = 0; j < displacements; ++j) {
-    const auto x = sensors.point(static_cast<std::size_t>(j));
+    const auto x = sensors.point(j);
     const double distance = std::hypot(x[0] - f.point[0], x[1] - f.point[1], x[2] - f.point[2]);
     if (distance <= 1e-6 && sensors.components[j] == f.component) return j;
   }
@@ -29,8 +29,7 @@ std::optional<Eigen::Index> row_of(const assimilation::ForecastSpecification& f,
 
 std::optional<std::size_t> time_of(double horizon, const UpdateSetup& setup) {
   const std::vector<double>& time = setup.model.contents().time;
-  const double step =
-      time.size() > 1 ? (time.back() - time.front()) / static_cast<double>(time.size() - 1) : 1;
+  const double step = time.size() > 1 ? (time.back() - time.front()) / (time.size() - 1) : 1;
   for (const std::size_t index : setup.time_indices) {
     if (std::abs(setup.problem.model->time[index] - horizon) <= 1e-6 * step) return index;
   }

@@ -82,7 +82,7 @@ void check_covariance(Values& values, const std::vector<std::vector<double>>& ro
   const Eigen::VectorXd scale = c.diagonal().cwiseSqrt().cwiseInverse();
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scale.asDiagonal() * c * scale.asDiagonal(),
                                                              Eigen::EigenvaluesOnly);
-  if (const double least = eigen.eigenvalues().minCoeff(); !(least > 1e-14 * static_cast<double>(m)))
+  if (const double least = eigen.eigenvalues().minCoeff(); !(least > 1e-14 * m))
     values.complain(path, fmt::format("\"{}\" is {}: the smallest eigenvalue of its correlations is {:.3g}; "
                                       "a covariance must be positive definite",
                                       path, least < -1e-12 ? "indefinite" : "singular", least));

@@ -44,7 +44,7 @@ void set_up_server(const Project& project, InferenceSetup& setup) {
   } catch (const UsageError& error) {  // the address
     throw project.error_at("model.umbridge", error.what());
   }
-  if (static_cast<std::size_t>(model->dimension()) != setup.parameters.size())
+  if (model->dimension() != std::ssize(setup.parameters))
     throw project.error_at(
         "parameters", fmt::format("[parameters] has {} parameters, but {} takes {} values (input sizes {})",
                                   setup.parameters.size(), model->where(), model->dimension(),
@@ -141,7 +141,7 @@ InferenceSetup set_up_inference(const Project& project) {
   else
     set_up_separated(project, setup);
   if (!project.observations || project.umbridge.density) return setup;
-  if (static_cast<std::size_t>(setup.model->output_count()) != project.observations->values.size())
+  if (setup.model->output_count() != std::ssize(project.observations->values))
     throw project.error_at(
         "observations.values",
         fmt::format("{} values were observed, but {} returns {}", project.observations->values.size(),

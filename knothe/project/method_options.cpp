@@ -62,26 +62,14 @@ void add_change_options(Section<M>& s) {
 }
 
 void add_bias_options(Section<M>& s) {
-  using likelihood::Extrapolation;
-  using Way = std::tuple<Bias::Way, Extrapolation>;
-  static constexpr auto k_ways =
-      std::to_array<Named<Way>>({{{Bias::Way::joint, Extrapolation::polynomial}, "joint"},
-                                 {{Bias::Way::modes, Extrapolation::polynomial}, "linear"},
-                                 {{Bias::Way::published, Extrapolation::polynomial}, "published"},
-                                 {{Bias::Way::modes, Extrapolation::damped_trend}, "damped-trend"},
-                                 {{Bias::Way::modes, Extrapolation::gaussian_process}, "gaussian-process"},
-                                 {{Bias::Way::pointwise, Extrapolation::polynomial}, "pointwise"}});
   s.add("bias_correction", in(&M::update, &U::bias_correction),
         "Correction of model bias: never; at every step; or from the step at which the evidence monitor "
         "finds that the model does not explain the data, until it does again.");
-  s.choice(
-      "bias_extrapolation", [](M& m) { return std::tie(m.update.bias.way, m.update.bias.extrapolation); },
-      k_ways,
-      "How the bias is extrapolated to the next time: inferred together with the parameters and integrated "
-      "out (`joint`); or from the last residuals: their time modes by a polynomial (`linear`), a damped "
-      "trend or a Gaussian process, with the recent errors of these modes added to the covariance; by the "
-      "polynomial without that addition, as in the paper (`published`); or each sensor separately along a "
-      "line through its last two residuals (`pointwise`).");
+  s.add("bias_extrapolation", in(&M::update, &U::bias, &Bias::way),
+        "How the bias is extrapolated to the next time: inferred together with the parameters and integrated "
+        "out (`joint`); or from the last residuals, whose time modes go on as a polynomial: with the recent "
+        "errors of these modes added to the covariance (`linear`), or without, as in the paper "
+        "(`published`).");
   s.add("bias_memory", in(&M::update, &U::bias, &Bias::memory),
         "`joint`: correlation length of the bias, in steps.", positive);
   s.add("bias_rank", in(&M::update, &U::bias, &Bias::rank),

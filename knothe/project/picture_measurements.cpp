@@ -34,7 +34,7 @@ constexpr std::array<std::array<std::size_t, 4>, 6> k_faces{
 double signed_area(const imaging::ImageMesh& mesh, const std::array<int, 4>& nodes) {
   double area = 0;
   for (std::size_t a = 0; a < 4; ++a) {
-    const auto p = static_cast<std::size_t>(nodes[a]), q = static_cast<std::size_t>(nodes[(a + 1) % 4]);
+    const std::size_t p = nodes[a], q = nodes[(a + 1) % 4];
     area += 0.5 * (mesh.x[p] * mesh.y[q] - mesh.x[q] * mesh.y[p]);
   }
   return area;

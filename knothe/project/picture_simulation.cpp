@@ -41,7 +41,7 @@ class FaceDisplacement {
 
   [[nodiscard]] Eigen::VectorXd at(std::size_t step, const DisplacementField& field) const {
     const std::vector<double> values = field(step, dofs_);
-    Eigen::VectorXd u = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(count_));
+    Eigen::VectorXd u = Eigen::VectorXd::Zero(count_);
     for (std::size_t k = 0; k < rows_.size(); ++k) u[rows_[k].first] += rows_[k].second * values[k];
     // T is its own inverse but for the scale.
     const Eigen::Matrix2d to_pixels = frame_.displacement_matrix() / (frame_.scale() * frame_.scale());
@@ -69,7 +69,7 @@ void simulate_pictures(const Project& project, const model::Mesh& mesh, const mo
   const FaceDisplacement displacement(surface.mesh(), frame, dofs, mesh);
   const imaging::SpecklePattern pattern(
       {.width = camera.width, .height = camera.height, .dot_radius = camera.dot_radius, .seed = used_seed});
-  const int threads = static_cast<int>(default_threads());
+  const int threads = default_threads();
   const auto body = [&](double x, double y) { return surface.body(x, y); };
   const auto motion = [&](double x, double y) { return surface.at(x, y); };
   const auto draw = [&](const std::string& name, std::size_t number, bool moved) {

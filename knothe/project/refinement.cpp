@@ -68,7 +68,7 @@ std::unique_ptr<model::Simulator> full_order_simulator(const Project& project, s
   options.words = {program_beside("knothe-offline"), "solve", project.path};
   options.names = names_of(project);
   options.identity = project.text;
-  options.processes = static_cast<std::size_t>(project.offline->processes);
+  options.processes = project.offline->processes;
   options.keep = std::move(keep);
   options.stop = std::move(stop);
   return std::make_unique<model::SolverProcess>(std::move(options));
@@ -85,7 +85,7 @@ namespace {
 
 /// Standard deviations within which 98 % of a normal distribution in d variables are.
 double bulk_radius(Index d) {
-  return 1.5 + std::sqrt(static_cast<double>(d));
+  return 1.5 + std::sqrt(d);
 }
 
 /// Parameters as a vector of standard deviations from the posterior's mean, uncorrelated.
@@ -132,7 +132,7 @@ std::vector<std::vector<double>> Refinement::points_to_ask(const Posterior& post
   const Index d = posterior.mean.size();
   MatrixXd known(std::ssize(solutions_), d);
   for (std::size_t i = 0; i < solutions_.size(); ++i)
-    known.row(static_cast<Index>(i)) = as_vector(solutions_[i].parameters_at(0)).transpose();
+    known.row(i) = as_vector(solutions_[i].parameters_at(0)).transpose();
   const Standardised scale(posterior);
   const auto is_near = [&](const auto& p) { return scale(p.transpose()).norm() <= k_near; };
   std::vector<std::vector<double>> points;

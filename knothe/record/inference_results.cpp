@@ -57,16 +57,14 @@ Json figures_of(const project::InferenceSetup& setup, const InferenceResult& r) 
   if (r.map.empty()) return figures;
   const assimilation::MapDetails& map = r.map.front();
   const Eigen::Index n = map.draws_of_map.rows();
-  figures["map"] = marginals_of(map.draws_of_map, Eigen::VectorXd::Constant(n, 1.0 / static_cast<double>(n)),
-                                setup.priors);
+  figures["map"] = marginals_of(map.draws_of_map, Eigen::VectorXd::Constant(n, 1.0 / n), setup.priors);
   // The first of them: every other point of a Sobol sequence lies in one half of the plane.
   figures["map_draws"] = columns_of(map.draws_of_map.topRows(std::min(k_shown_draws, n)));
   const std::vector<posterior::Prior> reference(setup.priors.size(), posterior::Prior::normal(0, 1));
   figures["pull_back"] = marginals_of(map.pulled_back, map.weights, reference);
   // The same points without their weights: a standard normal under the same smoothing.
   const Eigen::Index m = map.weights.size();
-  figures["reference"] =
-      marginals_of(map.pulled_back, Eigen::VectorXd::Constant(m, 1.0 / static_cast<double>(m)), reference);
+  figures["reference"] = marginals_of(map.pulled_back, Eigen::VectorXd::Constant(m, 1.0 / m), reference);
   figures["pull_back_draws"] = columns_of(numerics::resample(map.pulled_back, map.weights, k_shown_draws, 1));
   figures["diagnostic_by_order"] = map.map.diagnostic_by_order;
   figures["objective_by_order"] = map.map.objective_by_order;
@@ -104,7 +102,7 @@ void write_samples(const std::string& path, const project::Project& project,
                    std::span(column.data(), static_cast<std::size_t>(r.draws.rows() / r.chains * r.chains)),
                    out);
     }
-    out.add_dimension("weighted_posterior", "point", static_cast<std::size_t>(r.points.rows()));
+    out.add_dimension("weighted_posterior", "point", r.points.rows());
     out.add_dimension("weighted_posterior", "parameter", setup.parameters, {"1", "parameter"});
     out.add_variable("weighted_posterior", "points", Names{"point", "parameter"}, c_order(r.points),
                      {"1", "points"});

@@ -114,9 +114,8 @@ Ticks decade_ticks(double low, double high, int wanted) {
   const int stride = std::max(1, (last - first + wanted - 1) / std::max(wanted, 1));
   for (int p = first; p <= last; p += stride) {
     ticks.values.push_back(std::pow(10.0, p));
-    ticks.labels.push_back(p >= 0 && p <= 4
-                               ? fmt::format("{}", static_cast<long>(std::lround(std::pow(10.0, p))))
-                               : "10" + superscript(p));
+    ticks.labels.push_back(p >= 0 && p <= 4 ? fmt::format("{}", std::lround(std::pow(10.0, p)))
+                                            : "10" + superscript(p));
   }
   return ticks;
 }

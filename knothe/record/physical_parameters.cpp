@@ -63,7 +63,7 @@ void add_draws_of(const model::Axis& axis, const std::vector<std::string>& dimen
 std::string utc_text(std::chrono::system_clock::time_point time) {
   using std::chrono::milliseconds;
   const auto since = std::chrono::duration_cast<milliseconds>(time.time_since_epoch()).count();
-  const std::time_t seconds = static_cast<std::time_t>(since / 1000);
+  const std::time_t seconds = (since / 1000);
   std::tm parts{};
   gmtime_r(&seconds, &parts);
   return fmt::format("{:04}-{:02}-{:02}T{:02}:{:02}:{:02}.{:03}Z", parts.tm_year + 1900, parts.tm_mon + 1,

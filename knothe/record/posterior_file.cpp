@@ -33,7 +33,7 @@ constexpr double k_missing = std::numeric_limits<double>::quiet_NaN();
 
 std::vector<std::int64_t> counted(std::size_t n, std::size_t stride = 1) {
   std::vector<std::int64_t> numbers(n);
-  for (std::size_t i = 0; i < n; ++i) numbers[i] = static_cast<std::int64_t>(i * stride);
+  for (std::size_t i = 0; i < n; ++i) numbers[i] = i * stride;
   return numbers;
 }
 
@@ -41,8 +41,7 @@ std::vector<std::int64_t> counted(std::size_t n, std::size_t stride = 1) {
 posterior::WeightedPoints thinned(const posterior::Posterior& posterior, Eigen::Index count) {
   if (posterior.weights.size() <= count) return {posterior.points, posterior.weights};
   std::map<Eigen::Index, double> chosen;
-  for (const Eigen::Index i : numerics::equal_draws(posterior.weights, count))
-    chosen[i] += 1.0 / static_cast<double>(count);
+  for (const Eigen::Index i : numerics::equal_draws(posterior.weights, count)) chosen[i] += 1.0 / count;
   posterior::WeightedPoints kept{Eigen::MatrixXd(std::ssize(chosen), posterior.points.cols()),
                                  Eigen::VectorXd(std::ssize(chosen))};
   Eigen::Index row = 0;
@@ -94,9 +93,7 @@ class Writer {
     std::vector<double> likelihood(k_draws * n_steps_), predicted(n_predicted * n_steps_ * n_observations_);
     std::vector<std::vector<double>> series(scalars.size(), std::vector<double>(n_predicted * n_steps_));
     for (std::size_t s = 0; s < n_steps_; ++s) {
-      const StepDraws here =
-          draw_step(file_.steps[s], *observed, file_.priors, static_cast<Eigen::Index>(n_rows), k_draws,
-                    static_cast<Eigen::Index>(stride));
+      const StepDraws here = draw_step(file_.steps[s], *observed, file_.priors, n_rows, k_draws, stride);
       for (std::size_t j = 0; j < k_draws; ++j) {
         const auto row = static_cast<Eigen::Index>(j);
         for (std::size_t k = 0; k < d; ++k)
@@ -104,7 +101,7 @@ class Writer {
         likelihood[j * n_steps_ + s] = here.log_likelihood[row];
       }
       for (std::size_t j = 0; j < n_predicted; ++j) {
-        const auto column = here.predicted.col(static_cast<Eigen::Index>(j));
+        const auto column = here.predicted.col(j);
         std::copy_n(column.data(), n_observations_,
                     predicted.begin() + static_cast<std::ptrdiff_t>((j * n_steps_ + s) * n_observations_));
         for (std::size_t k = 0; k < scalars.size(); ++k)
@@ -221,7 +218,7 @@ class Writer {
     }
     const std::string group = "weighted_posterior";
     add_steps(group);
-    out_.add_dimension(group, "point", static_cast<std::size_t>(n));
+    out_.add_dimension(group, "point", n);
     // Steps with fewer points are filled up with their first point at weight zero.
     std::vector<double> points, weights;
     for (const posterior::WeightedPoints& step : kept) {
@@ -238,7 +235,7 @@ class Writer {
     append(points, last.points), append(weights, last.weights);
     out_.add_dimension("last_posterior", "point", weights.size());
     write_points("last_posterior", {"point"}, points, weights);
-    out_.add_number("last_posterior", "weights", "step", static_cast<double>(steps_.back()));
+    out_.add_number("last_posterior", "weights", "step", steps_.back());
     out_.add_number("last_posterior", "weights", "time", times_.back());
   }
 

@@ -119,8 +119,7 @@ Eigen::MatrixXd matrix_of(const Located& line, const char* key, std::size_t rows
   for (std::size_t i = 0; i < rows; ++i) {
     const std::vector<double> row = line.numbers(list[i], key);
     if (row.size() != columns) line.fail(problem);
-    for (std::size_t j = 0; j < columns; ++j)
-      matrix(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) = row[j];
+    for (std::size_t j = 0; j < columns; ++j) matrix(i, static_cast<Eigen::Index>(j)) = row[j];
   }
   return matrix;
 }
@@ -199,9 +198,9 @@ Step step_of(const Located& line) {
   if (line.has("verdict")) s.verdict = verdict_of(line.object("verdict"));
   s.log_evidence = line.number("log_evidence");
   s.log_evidence_increment = line.number("log_evidence_increment");
-  s.used = static_cast<Eigen::Index>(line.count("used"));
-  s.rejected = static_cast<Eigen::Index>(line.count("rejected"));
-  s.missing = static_cast<Eigen::Index>(line.count("missing"));
+  s.used = line.count("used");
+  s.rejected = line.count("rejected");
+  s.missing = line.count("missing");
   read_watch(line, s);
   const Located elapsed = line.object("elapsed_us");
   s.update_us = elapsed.number("update");

@@ -214,8 +214,8 @@ Json ResultsWriter::residuals() const {
   std::vector<double> x, y;
   for (Eigen::Index j = 0; j < n; ++j) {
     components.push_back("xyz"[measurements_.sensors.components[j]]);
-    x.push_back(measurements_.sensors.point(static_cast<std::size_t>(j))[0]);
-    y.push_back(measurements_.sensors.point(static_cast<std::size_t>(j))[1]);
+    x.push_back(measurements_.sensors.point(j)[0]);
+    y.push_back(measurements_.sensors.point(j)[1]);
   }
   record.update({{"step", step},
                  {"step_rms", rms},

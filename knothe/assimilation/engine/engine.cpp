@@ -43,9 +43,8 @@ StepResult Engine::assimilate(const Datum& datum) {
 
 void Engine::require_fits(const Datum& datum) const {
   if (datum.values.size() != setup_.model->observations())
-    throw UsageError(fmt::format("step {}: {} for {}", datum.step,
-                                 counted(static_cast<std::size_t>(datum.values.size()), "value"),
-                                 counted(static_cast<std::size_t>(setup_.model->observations()), "sensor")));
+    throw UsageError(fmt::format("step {}: {} for {}", datum.step, counted(datum.values.size(), "value"),
+                                 counted(setup_.model->observations(), "sensor")));
   if (datum.time_index >= setup_.model->time.size())
     throw UsageError(fmt::format("step {}: the model has {} times, there is no time {}", datum.step,
                                  setup_.model->time.size(), datum.time_index));

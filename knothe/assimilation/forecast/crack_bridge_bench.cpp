@@ -7,7 +7,7 @@
 
 namespace {
 
-using namespace knothe::forecast;
+using namespace knothe::assimilation;
 
 struct Case {
   CrackBridge bridge;

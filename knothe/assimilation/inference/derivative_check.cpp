@@ -74,13 +74,12 @@ class Check {
       const double ratio = std::abs(pair.model - pair.difference) / allowed;
       if (!(ratio > worst)) continue;
       worst = ratio;
-      const double unit = scale_(static_cast<Eigen::Index>(k), point);
+      const double unit = scale_(k, point);
       std::string place;
       for (Eigen::Index j = 0; j < d_; ++j)
         place += fmt::format("{}{} = {:.4g}", j > 0 ? ", " : "", name(names, j), points_(j, point));
-      clause =
-          fmt::format("at {} it says {:.6g} along {} where differences say {:.6g}", place, pair.model / unit,
-                      name(names, static_cast<Eigen::Index>(k)), pair.difference / unit);
+      clause = fmt::format("at {} it says {:.6g} along {} where differences say {:.6g}", place,
+                           pair.model / unit, name(names, k), pair.difference / unit);
     }
     if (clause.empty()) return "";
     return fmt::format("{}: {} is wrong: {}; it is not used, differences take its place",

@@ -31,11 +31,11 @@ void require_finite_integral(PosteriorDensity& posterior, const std::vector<std:
     const double r = std::pow(10.0, decade);
     Eigen::MatrixXd points(std::ssize(rays), d);
     for (std::size_t i = 0; i < rays.size(); ++i)
-      points.row(static_cast<Eigen::Index>(i)) = (mode.point + r * rays[i].direction).transpose();
+      points.row(i) = (mode.point + r * rays[i].direction).transpose();
     target.evaluate(points, 0, batch);
     std::vector<Ray> left;
     for (std::size_t i = 0; i < rays.size(); ++i) {
-      const double mass = batch.value[static_cast<Eigen::Index>(i)] + static_cast<double>(d) * std::log(r);
+      const double mass = batch.value[static_cast<Eigen::Index>(i)] + d * std::log(r);
       if (!std::isfinite(mass) || (decade > 1 && mass < rays[i].mass - k_falls)) continue;
       left.push_back({rays[i].direction, mass});
     }

@@ -109,7 +109,7 @@ void sharpen_higher_moments(const PosteriorDensity& posterior, const InferenceOp
   if (map.verification.points.rows() != n) return;
   const Eigen::MatrixXd free = posterior.parameters(map.evaluate(
       numerics::sobol_normal_points(k_free_points, posterior.dimension(), options.seed + 0x6d6f6d)));
-  const Eigen::ArrayXd change = r.weights.array() - 1.0 / static_cast<double>(n);
+  const Eigen::ArrayXd change = r.weights.array() - 1.0 / n;
   for (Eigen::Index k = 0; k < free.cols(); ++k) {
     const double unit = std::sqrt(std::max(r.covariance(k, k), 1e-300));
     const Eigen::ArrayXd x = (free.col(k).array() - r.mean[k]) / unit,
@@ -164,13 +164,12 @@ void examine_answer(PosteriorDensity& posterior, const std::vector<std::string>&
     const double end = low > high ? lower : upper;
     if (r.edge_mass[k] > 0.5 && std::abs(r.mean[k] - end) < 3 * std::sqrt(r.covariance(k, k)))
       r.verdict +=
-          pressed(static_cast<std::size_t>(k) < names.size() ? names[k] : fmt::format("parameter {}", k),
+          pressed(k < std::ssize(names) ? names[k] : fmt::format("parameter {}", k),
                   r.edge_mass[k], end);
   }
   const auto misfit = posterior.misfit(r.maximum_a_posteriori);
   if (!misfit) return;
-  r.fit_probability =
-      numerics::chi_squared_upper(std::max(0.0, misfit->chi_squared), static_cast<double>(misfit->count));
+  r.fit_probability = numerics::chi_squared_upper(std::max(0.0, misfit->chi_squared), misfit->count);
   if (*r.fit_probability < 3e-5) r.verdict += does_not_fit(misfit->chi_squared, misfit->count);
 }
 

@@ -43,8 +43,7 @@ std::optional<PosteriorDensity::Misfit> PosteriorDensity::misfit(const Eigen::Ve
   batch.resize(1, dimension(), 0);
   log_likelihood(p.transpose(), 0, batch);
   const Eigen::Index m = observations_->values.size();
-  const double constant =
-      0.5 * observations_->noise.log_determinant() + 0.5 * static_cast<double>(m) * k_log_2_pi;
+  const double constant = 0.5 * observations_->noise.log_determinant() + 0.5 * m * k_log_2_pi;
   return Misfit{-2 * (batch.value[0] + constant), m};
 }
 
@@ -64,8 +63,7 @@ void PosteriorDensity::model_part(int derivatives, Eigen::Index begin, posterior
   sensitivities_ = (-values_).colwise() + observations_->values;
   weighted_ = noise.apply(sensitivities_);
   out.value.segment(begin, c) = -0.5 * sensitivities_.cwiseProduct(weighted_).colwise().sum().transpose();
-  out.value.segment(begin, c).array() -=
-      0.5 * noise.log_determinant() + 0.5 * static_cast<double>(m) * k_log_2_pi;
+  out.value.segment(begin, c).array() -= 0.5 * noise.log_determinant() + 0.5 * m * k_log_2_pi;
   if (derivatives < 1) return;
   sensitivities_ = weighted_;
   const bool own_gradient = evaluator_->has_gradient();
@@ -113,7 +111,7 @@ void PosteriorDensity::density_part(int derivatives, Eigen::Index begin, posteri
   // A neighbour at which the density is zero makes differences meaningless: none is better.
   const auto sane = [](double x) { return std::abs(x) < 1e200 ? x : 0.0; };
   for (std::size_t j = 0; j < inside.size(); ++j) {
-    const Eigen::Index row = begin + inside[j], col = static_cast<Eigen::Index>(j);
+    const Eigen::Index row = begin + inside[j], col = j;
     for (Eigen::Index a = 0; a < d; ++a) {
       out.gradient(row, a) = sane(gradients_(a, col));
       for (Eigen::Index b = 0; b <= a && derivatives >= 2; ++b)
@@ -181,7 +179,7 @@ void PosteriorDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int 
     for (Eigen::Index k = 0; k < d; ++k) add_change_of_variables(k, z.col(k), derivatives, out);
     return;
   }
-  out.value.array() -= 0.5 * z.rowwise().squaredNorm().array() + 0.5 * static_cast<double>(d) * k_log_2_pi;
+  out.value.array() -= 0.5 * z.rowwise().squaredNorm().array() + 0.5 * d * k_log_2_pi;
   if (derivatives >= 1) out.gradient -= z;
   if (derivatives >= 2)
     for (Eigen::Index a = 0; a < d; ++a) out.hessian.col(packed_index(a, a)).array() -= 1;

@@ -49,7 +49,7 @@ PredictiveCheck predictive_check(const likelihood::StepForm& form, const likelih
   Eigen::VectorXd variance = Eigen::VectorXd::Ones(d);
   if (w.cell.size() > 0)
     variance += (directions.transpose() * (form.quadratic * w.cell)).rowwise().squaredNorm() / 12;
-  double degrees = static_cast<double>(form.used);
+  double degrees = form.used;
   for (Eigen::Index a = 0; a < d; ++a) {
     if (directions.col(a).isZero(0)) continue;
     degrees -= 1;

@@ -39,36 +39,21 @@ TEST(TimeExtrapolation, PolynomialsGoOnAsTheyAre) {
   const std::vector<double> times = {0.1, 0.2, 0.35, 0.4, 0.6, 0.65};
   std::vector<double> line, parabola;
   for (const double t : times) line.push_back(2 - 3 * t), parabola.push_back(1 + t - 4 * t * t);
-  using enum likelihood::Extrapolation;
   for (const int window : {2, 4, 6}) {
-    EXPECT_NEAR(likelihood::extrapolate(polynomial, 1, window, times, line, 0.8), 2 - 3 * 0.8, 1e-12);
-    EXPECT_NEAR(likelihood::extrapolate(polynomial, 2, window, times, parabola, 0.8), 1 + 0.8 - 4 * 0.64,
-                1e-12);
-    EXPECT_NEAR(likelihood::extrapolate(polynomial, 0, 1, times, line, 0.8), line.back(), 1e-15);
+    EXPECT_NEAR(likelihood::extrapolate(1, window, times, line, 0.8), 2 - 3 * 0.8, 1e-12);
+    EXPECT_NEAR(likelihood::extrapolate(2, window, times, parabola, 0.8), 1 + 0.8 - 4 * 0.64, 1e-12);
+    EXPECT_NEAR(likelihood::extrapolate(0, 1, times, line, 0.8), line.back(), 1e-15);
   }
   const std::vector<double> constant(6, 7.0);
-  for (const auto kind : {polynomial, damped_trend, gaussian_process})
-    EXPECT_NEAR(likelihood::extrapolate(kind, 1, 2, times, constant, 0.8), 7, 1e-12);
-  EXPECT_EQ(likelihood::extrapolate(gaussian_process, 1, 2, std::span(times).first(1),
-                                    std::span(line).first(1), 0.2),
-            line[0]);
-}
-
-TEST(TimeExtrapolation, SmoothSeriesArePredictedToAFractionOfTheirStep) {
-  std::vector<double> times, series;
-  for (int i = 0; i < 30; ++i) times.push_back(i), series.push_back(std::sin(0.15 * i));
-  const double step = std::abs(series[29] - series[28]), truth = std::sin(0.15 * 30);
-  using enum likelihood::Extrapolation;
-  for (const auto kind : {polynomial, damped_trend, gaussian_process})
-    EXPECT_NEAR(likelihood::extrapolate(kind, 1, 2, times, series, 30), truth, 0.6 * step);
+  EXPECT_NEAR(likelihood::extrapolate(1, 2, times, constant, 0.8), 7, 1e-12);
+  EXPECT_EQ(likelihood::extrapolate(1, 2, std::span(times).first(1), std::span(line).first(1), 0.2), line[0]);
 }
 
 TEST(ModelBias, LinearModesGoOnLinearly) {
   const Eigen::Index n = 12;
   const Eigen::MatrixXd shapes = numerics::monte_carlo_normal_points(n, 2, 1);
   const Eigen::VectorXd noise = Eigen::VectorXd::LinSpaced(n, 0.5, 2);
-  for (const auto way : {likelihood::BiasOptions::Way::modes, likelihood::BiasOptions::Way::published,
-                         likelihood::BiasOptions::Way::pointwise}) {
+  for (const auto way : {likelihood::BiasOptions::Way::modes, likelihood::BiasOptions::Way::published}) {
     likelihood::BiasOptions options;
     options.way = way;
     likelihood::ModelBias bias(noise, options);

@@ -33,8 +33,8 @@ ModelSupervision::ModelSupervision(std::shared_ptr<const model::ObservedModel> m
   // Any of the sums may ring the alarm: each does it so much more seldom.
   const auto count = static_cast<std::size_t>(1 + 2 * transform_->dimension());
   initial_.sums.assign(
-      count, Cusum(options_.reference, cusum_threshold(options_.reference, options_.average_run_length *
-                                                                               static_cast<double>(count))));
+      count,
+      Cusum(options_.reference, cusum_threshold(options_.reference, options_.average_run_length * count)));
   if (learns_ && !is_joint_) {
     // A dof that is not measured at all has no noise; it is missing from every datum.
     const Eigen::VectorXd std = noise.measurement().standard_deviations();
@@ -201,8 +201,7 @@ void ModelSupervision::learn(const likelihood::StoredStep& stored, Eigen::Vector
   state_.increments.push_back(result.log_evidence_increment);
   if (static_cast<int>(state_.increments.size()) > options_.smoothing) state_.increments.pop_front();
   state_.report.smoothed_increment =
-      std::accumulate(state_.increments.begin(), state_.increments.end(), 0.0) /
-      static_cast<double>(state_.increments.size());
+      std::accumulate(state_.increments.begin(), state_.increments.end(), 0.0) / state_.increments.size();
   if (state_.bias && stored.values() != nullptr) learn_residual(stored);
   result.bias_corrected = stored.corrected;
   result.monitor = state_.report;

@@ -51,7 +51,7 @@ class SensorDesign::Progress {
   /// Mean over the points of ½ log det(I + F + Σ_t a aᵀ) − ½ log det(I + F), for every dof.
   [[nodiscard]] Eigen::VectorXd gains() const {
     Eigen::VectorXd gain(products_.rows());
-    const double scale = 0.5 / static_cast<double>(information_.size());
+    const double scale = 0.5 / information_.size();
     for_blocks([&](Eigen::Index first, Eigen::Index count) {
       Eigen::ArrayXd sum = Eigen::ArrayXd::Zero(count);
       for (std::size_t point = 0; point < information_.size(); ++point) add_log_det(point, first, sum);
@@ -185,7 +185,7 @@ void SensorDesign::add_point(const model::ObservedModel& model, const likelihood
   }
   if (noise.shared_reference() > 0) {
     // T^{-1/2} = √((k + 1)/k) (I − c 1 1ᵀ), (1 − c n)² = k/(n + k).
-    const double k = noise.shared_reference(), n = static_cast<double>(n_t);
+    const double k = noise.shared_reference(), n = n_t;
     const double c = (1 - std::sqrt(k / (n + k))) / n;
     stack =
         std::sqrt((k + 1) / k) * (stack - (c * stack.rowwise().sum()) * Eigen::RowVectorXd::Ones(n_t)).eval();

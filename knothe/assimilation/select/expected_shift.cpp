@@ -76,14 +76,14 @@ double ExpectedShift::of_all(const std::vector<bool>& chosen) const {
       if (!chosen[n]) factors[n] = 0;
     sum += linear_posterior_shift(truth.information, variance_, truth.pull * factors).squaredNorm();
   }
-  return std::sqrt(sum / static_cast<double>(truths_.size()));
+  return std::sqrt(sum / truths_.size());
 }
 
 double ExpectedShift::of_factors(const std::function<VectorXd(const VectorXd&)>& factors) const {
   double sum = 0;
   for (const Truth& truth : truths_)
     sum += linear_posterior_shift(truth.information, variance_, truth.pull * factors(truth.p)).squaredNorm();
-  return std::sqrt(sum / static_cast<double>(truths_.size()));
+  return std::sqrt(sum / truths_.size());
 }
 
 double ExpectedShift::at(const VectorXd& p, const VectorXd& error) const {

@@ -65,13 +65,13 @@ double held_out_shift(const SelectedRuns& selected, const ExpectedShift& shift, 
 std::size_t remove_failed(std::vector<std::vector<double>>& points, MatrixXd& rows) {
   std::size_t kept = 0;
   for (std::size_t n = 0; n < points.size(); ++n) {
-    if (!rows.row(static_cast<Index>(n)).allFinite()) continue;
-    rows.row(static_cast<Index>(kept)) = rows.row(static_cast<Index>(n));
+    if (!rows.row(n).allFinite()) continue;
+    rows.row(kept) = rows.row(n);
     points[kept++] = points[n];
   }
   const std::size_t failed = points.size() - kept;
   points.resize(kept);
-  rows.conservativeResize(static_cast<Index>(kept), rows.cols());
+  rows.conservativeResize(kept, rows.cols());
   return failed;
 }
 
@@ -102,7 +102,7 @@ void add_round(numerics::DegreeGrowth& growth, const Predictions& predictions, S
   MatrixXd found = predictions(asked);
   for (std::size_t n = 0, place = first; n < asked.size(); ++n) {
     const numerics::MultiIndex index = growth.indices()[place];
-    if (found.row(static_cast<Index>(n)).allFinite()) {
+    if (found.row(n).allFinite()) {
       selected.interpolation.add(index);
       ++place;
     } else {
@@ -138,7 +138,7 @@ SelectedRuns select_runs(const std::vector<posterior::Prior>& priors, const Vect
         fmt::format("only {} of {} held-out runs have a solution, too few to judge by: make the box smaller "
                     "(finished runs are kept)",
                     selected.held_out_points.size(), options.held_out));
-  numerics::DegreeGrowth growth(static_cast<int>(priors.size()), options.largest_degree);
+  numerics::DegreeGrowth growth(priors.size(), options.largest_degree);
   MatrixXd values(0, held_out.cols());
   while (true) {
     add_round(growth, predictions, selected, values);
@@ -166,7 +166,7 @@ std::size_t runs_to_go(const std::vector<RunSelectionStep>& history, const RunSe
   double n = 0, x = 0, y = 0, xx = 0, xy = 0;
   for (const RunSelectionStep& step : history) {
     if (2 * step.runs < last.runs || !(step.shift() > 0)) continue;
-    const double log_runs = std::log(static_cast<double>(step.runs)), log_shift = std::log(step.shift());
+    const double log_runs = std::log(step.runs), log_shift = std::log(step.shift());
     n += 1;
     x += log_runs;
     y += log_shift;
@@ -178,8 +178,8 @@ std::size_t runs_to_go(const std::vector<RunSelectionStep>& history, const RunSe
   const double power = (n * xy - x * y) / spread;
   if (!(power < -0.1)) return room;
   const double factor = std::pow(options.shift / std::max(last.shift(), options.shift), 1 / power);
-  const double more = static_cast<double>(last.runs) * (factor - 1);
-  return more < static_cast<double>(room) ? static_cast<std::size_t>(std::ceil(more)) : room;
+  const double more = last.runs * (factor - 1);
+  return more < room ? static_cast<std::size_t>(std::ceil(more)) : room;
 }
 
 }  // namespace knothe::assimilation

@@ -91,7 +91,7 @@ RankedDof describe(const model::ObservedModel& model, const Eigen::VectorXd& at,
   RankedDof ranked;
   ranked.dof = dof;
   ranked.sensitivity.setZero(at.size());
-  ranked.when.assign(static_cast<std::size_t>(at.size()), 0);
+  ranked.when.assign(at.size(), 0);
   for (std::size_t t = 0; t < model.time.size(); ++t) {
     const Eigen::RowVectorXd s = sensitivity_fields(one, at, t).row(0).cwiseProduct(prior_std.transpose());
     for (Eigen::Index j = 0; j < at.size(); ++j) {

@@ -46,7 +46,7 @@ double GaussianFilter::update(const likelihood::StepForm& form) {
     return update_by_points(
         form, members_, Eigen::VectorXd::Constant(members_.rows(), 1 / static_cast<double>(members_.rows())));
   }
-  const double kappa = std::max(3.0 - static_cast<double>(d), 0.0), spread = static_cast<double>(d) + kappa;
+  const double kappa = std::max(3.0 - d, 0.0), spread = d + kappa;
   const Eigen::MatrixXd root = Eigen::LLT<Eigen::MatrixXd>(covariance_).matrixL();
   Eigen::MatrixXd points = mean_.transpose().replicate(2 * d + 1, 1);
   Eigen::VectorXd weights = Eigen::VectorXd::Constant(2 * d + 1, 0.5 / spread);
@@ -103,7 +103,7 @@ double GaussianFilter::update_by_points(const likelihood::StepForm& form, const 
     const Eigen::VectorXd shrink = (1 + eigen.eigenvalues().cwiseMax(0).array()).rsqrt();
     const Eigen::MatrixXd contracted =
         deviations * eigen.eigenvectors() * shrink.asDiagonal() * eigen.eigenvectors().transpose();
-    members_ = (contracted * std::sqrt(static_cast<double>(n))).transpose().rowwise() + mean_.transpose();
+    members_ = (contracted * std::sqrt(n)).transpose().rowwise() + mean_.transpose();
     covariance_ = contracted * contracted.transpose();
   } else {
     covariance_ = deviations * factor.solve(deviations.transpose());

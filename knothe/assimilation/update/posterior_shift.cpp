@@ -57,7 +57,7 @@ std::vector<PosteriorShift> reweighted_shifts(SequentialUpdate& by_model, Sequen
   std::vector<PosteriorShift> shifts;
   for (Index k = 1; k <= shown; ++k) {
     check_cancellation("nothing is kept of the posteriors so far");
-    shifts.push_back(reweighted(by_model, by_reference, static_cast<std::size_t>(k * n / shown - 1)));
+    shifts.push_back(reweighted(by_model, by_reference, k * n / shown - 1));
   }
   return shifts;
 }

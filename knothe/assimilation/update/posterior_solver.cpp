@@ -105,7 +105,7 @@ void PosteriorSolver::set(const likelihood::FormSums& sums, const Eigen::VectorX
   if (sums.levels.empty()) return target_.set_form(sums.form);
   std::vector<const likelihood::StepForm*> forms = {&sums.form};
   for (const likelihood::StepForm& sum : sums.levels) forms.push_back(&sum);
-  const std::vector<double> weights(forms.size(), -std::log(static_cast<double>(forms.size())));
+  const std::vector<double> weights(forms.size(), -std::log(forms.size()));
   target_.set_mixture(forms, weights, {shares.data(), static_cast<std::size_t>(shares.size())});
 }
 
@@ -242,7 +242,7 @@ void PosteriorSolver::by_filter(const likelihood::StepForm& last, posterior::Pos
   target_.evaluate(z, 0, batch);
   const Eigen::VectorXd log_weight = batch.value + 0.5 * reference.rowwise().squaredNorm();
   if (filter_->members().rows() > 0) z = filter_->members();
-  const Eigen::VectorXd weights = Eigen::VectorXd::Constant(z.rows(), 1.0 / static_cast<double>(z.rows()));
+  const Eigen::VectorXd weights = Eigen::VectorXd::Constant(z.rows(), 1.0 / z.rows());
   set_from(z, weights, numerics::weighted_quantiles(z, weights), r);
   r.method = kind_;
   r.map_mean = r.mean;
@@ -262,10 +262,10 @@ void PosteriorSolver::by_filter(const likelihood::StepForm& last, posterior::Pos
 void PosteriorSolver::set_few_points(const posterior::QuadraturePosterior& quadrature,
                                      posterior::Posterior& r) {
   std::vector<Eigen::Index> kept;
-  const double floor = 0.01 / static_cast<double>(r.weights.size());
+  const double floor = 0.01 / r.weights.size();
   for (const Eigen::Index i : quadrature.every_other)
     if (r.weights[i] > floor) kept.push_back(i);
-  if (kept.size() > static_cast<std::size_t>(likelihood::k_prediction_points)) return;
+  if (std::ssize(kept) > likelihood::k_prediction_points) return;
   r.few.points = r.points(kept, Eigen::all);
   r.few.weights = r.weights(kept);
   r.few.weights /= r.few.weights.sum();

@@ -55,8 +55,7 @@ RobustUpdate::Prediction RobustUpdate::predict(std::size_t time_index) const {
   const auto& core = model_->core[time_index];
   const Eigen::MatrixXd inner = core * covariance * core.transpose();
   Prediction prediction;
-  prediction.mean =
-      model_->lift.col(static_cast<Eigen::Index>(time_index)) + model_->space * (core * mean).eval();
+  prediction.mean = model_->lift.col(time_index) + model_->space * (core * mean).eval();
   prediction.variance = (model_->space * inner).cwiseProduct(model_->space).rowwise().sum().cwiseMax(0);
   return prediction;
 }

@@ -37,7 +37,7 @@ posterior::MetropolisResult solve_by_chains(posterior::LogDensity& target, const
   posterior::MetropolisResult chains = posterior::adaptive_metropolis(target, options);
   const double effective_size = chains.effective_sizes.minCoeff();
   set_points(to_parameters(chains.sample.points), chains.sample.weights, posterior::Method::markov_chain, r);
-  r.effective_sample_size = std::min(1.0, effective_size / static_cast<double>(r.points.rows()));
+  r.effective_sample_size = std::min(1.0, effective_size / r.points.rows());
   const posterior::BridgeEstimate evidence = posterior::bridge_sampling(
       target, chains.sample.points, effective_size, k_bridge_proposals, options.seed + k_bridge_seed);
   r.log_evidence = r.log_evidence_lower_bound = evidence.log_evidence;
@@ -50,7 +50,7 @@ void set_from_draws(const posterior::ImportanceResult& draws, const ToParameters
                     double temperature, posterior::Posterior& r) {
   const posterior::WeightedSample& sample = draws.sample;
   set_points(to_parameters(sample.points), sample.weights, posterior::Method::sequential_monte_carlo, r);
-  r.effective_sample_size = sample.effective_size / static_cast<double>(sample.weights.size());
+  r.effective_sample_size = sample.effective_size / sample.weights.size();
   r.log_evidence = r.log_evidence_lower_bound = sample.log_evidence;
   r.log_evidence_error = sample.log_evidence_error;
   set_sampled_trust(posterior::trust_of(draws, temperature), r);

@@ -144,8 +144,7 @@ Misfit Assessor::misfit_of(const likelihood::StepForm& form, const AssessedPoste
   const Eigen::VectorXd v = posterior.functions.mean - central_;
   const double chi_squared = form.constant - 2 * form.linear.dot(v) + v.dot(form.quadratic * v);
   Misfit misfit{std::max(0.0, chi_squared) / posterior.update.noise_level.value_or(1.0), form.used};
-  if (misfit.values > 0)
-    misfit.probability = numerics::chi_squared_upper(misfit.statistic, static_cast<double>(misfit.values));
+  if (misfit.values > 0) misfit.probability = numerics::chi_squared_upper(misfit.statistic, misfit.values);
   return misfit;
 }
 
@@ -185,8 +184,7 @@ void Assessor::test_constancy(const AssessedPosterior& posterior,
     const bool is_new = first == 0 || data[first]->step != data[first - 1]->step;
     if (is_new && steps++ == change.after) break;
   }
-  if (first < data.size())
-    report.set(ResidualTest::constancy, change.probability, static_cast<Index>(data[first]->step));
+  if (first < data.size()) report.set(ResidualTest::constancy, change.probability, data[first]->step);
 }
 
 std::string Assessor::misfit_in_words(const ResidualReport& report,
@@ -321,7 +319,7 @@ void Assessor::forget_from(std::size_t step) {
 Eigen::VectorXd Assessor::relevance_of_errors(const UpdateResult& update) const {
   Eigen::VectorXd logarithm = Eigen::VectorXd::Zero(errors_.count());
   if (errors_.points.size() == 0 || errors_.reach.isZero(0))
-    return Eigen::VectorXd::Constant(errors_.count(), 1.0 / static_cast<double>(errors_.count()));
+    return Eigen::VectorXd::Constant(errors_.count(), 1.0 / errors_.count());
   for (Index j = 0; j < errors_.count(); ++j)
     for (Index a = 0; a < priors_.dimension(); ++a) {
       const double reach = errors_.reach(j, a);
@@ -414,7 +412,7 @@ void Assessor::assess_sensors(const AssessedPosterior& posterior, Verdict& verdi
                  "the model alone does not explain the data: bias correction was applied at some steps",
                  {}});
   const auto reported = static_cast<double>(update.used + update.rejected);
-  const double share = reported > 0 ? static_cast<double>(update.rejected) / reported : 0;
+  const double share = reported > 0 ? update.rejected / reported : 0;
   if (share > options_.rejected_values)
     verdict.add(
         {VerdictPart::outlier,

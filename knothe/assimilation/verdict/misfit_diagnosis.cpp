@@ -98,7 +98,7 @@ class Diagnostician {
     if (!tests_.noise().measurement().is_independent()) return {};
     const auto present = static_cast<double>((scores.array() != 0).count());
     if (present < 2 * static_cast<double>(parameters_) + 8) return {};
-    const double factor = std::sqrt(scores.squaredNorm() / (present - static_cast<double>(parameters_)));
+    const double factor = std::sqrt(scores.squaredNorm() / (present - parameters_));
     if (std::abs(std::log(factor)) < 0.05) return {};
     if (tests_.examine_scores(scores / factor, parameters_).fails(limit_)) return {};
     return Diagnosis{
@@ -119,7 +119,7 @@ class Diagnostician {
     for (Index i = 0; i < n; ++i) {
       const Index far = (z.row(i).array().abs() > 4.5).count();
       const auto near = z.row(i).array().abs() <= 4.5;
-      const double mean = near.select(z.row(i).array(), 0.0).sum() / std::sqrt(static_cast<double>(m));
+      const double mean = near.select(z.row(i).array(), 0.0).sum() / std::sqrt(m);
       if (m > 2 && (3 * far > m || std::abs(mean) > 5)) {
         sensors.push_back(i);
         z.row(i).setZero();
@@ -135,8 +135,7 @@ class Diagnostician {
     if (tests_.noise().measurement().is_independent() &&
         tests_.examine_scores(z, parameters_).fails(1e-4 * limit_))
       return {};
-    if (!tests_.noise().measurement().is_independent() &&
-        z.squaredNorm() > 1.5 * static_cast<double>((z.array() != 0).count()))
+    if (!tests_.noise().measurement().is_independent() && z.squaredNorm() > 1.5 * ((z.array() != 0).count()))
       return {};
     if (sensors.size() > 1) {
       std::string names = tests_.name_of(sensors[0]);
@@ -252,12 +251,12 @@ class Diagnostician {
         std::vector<Index> order(sensors.size());
         bool swapped = false;
         for (std::size_t i = 0; i < sensors.size(); ++i) {
-          order[i] = static_cast<Index>(i);
+          order[i] = i;
           if (i >= n || (sensors.components[i] != a && sensors.components[i] != b)) continue;
           for (std::size_t j = 0; j < n; ++j) {
             if (sensors.components[j] != a + b - sensors.components[i]) continue;
             const auto x = sensors.point(i), y = sensors.point(j);
-            if (std::equal(x.begin(), x.end(), y.begin())) order[i] = static_cast<Index>(j), swapped = true;
+            if (std::equal(x.begin(), x.end(), y.begin())) order[i] = j, swapped = true;
           }
         }
         if (!swapped) continue;

@@ -54,8 +54,7 @@ ParameterChange find_parameter_change(const likelihood::FormBlocks& blocks, cons
     const double x = score.squaredNorm() / level;
     if (x > largest) largest = x, found.after = (k + 1) * blocks.steps_per_block();
   }
-  found.probability = std::min(
-      1.0, static_cast<double>(count - 1) * numerics::chi_squared_upper(largest, static_cast<double>(d)));
+  found.probability = std::min(1.0, (count - 1) * numerics::chi_squared_upper(largest, d));
   return found;
 }
 

@@ -34,8 +34,7 @@ class LargestChiSquare {
   }
   void tell(ResidualReport& report, ResidualTest test) const {
     if (count_ == 0) return;
-    report.set(test, std::min(1.0, numerics::chi_squared_upper(x_, degrees_) * static_cast<double>(count_)),
-               at_);
+    report.set(test, std::min(1.0, numerics::chi_squared_upper(x_, degrees_) * count_), at_);
   }
 
  private:
@@ -106,7 +105,7 @@ ResidualTests::ResidualTests(std::shared_ptr<const model::ObservedModel> model, 
   }
   measured_ = (inverse_std_.array() > 0).count();
   std_ = inverse_std_.unaryExpr([](double s) { return s > 0 ? 1 / s : 0.0; });
-  if (sensors_.size() == static_cast<std::size_t>(n)) {
+  if (std::ssize(sensors_) == n) {
     for (int c = 0; c < 3; ++c) {
       bool there = false;
       for (std::size_t i = 0; i < sensors_.displacement_count(); ++i) {
@@ -171,7 +170,7 @@ ResidualReport ResidualTests::examine(std::span<const likelihood::DatumPointer> 
   for (Index k = 0; k < m; ++k) {
     const likelihood::Datum& datum = *data[k];
     auto residual = residuals.col(k);
-    residual += datum.values - model_->lift.col(static_cast<Index>(datum.time_index));
+    residual += datum.values - model_->lift.col(datum.time_index);
     Index present = measured_;
     if (std::isnan(residual.sum()))
       for (Index i = 0; i < n; ++i)
@@ -205,7 +204,7 @@ ResidualReport ResidualTests::examine(std::span<const likelihood::DatumPointer> 
     if (!in_modes) residual.setZero();
     report.misfit += misfit;
     report.values += present;
-    if (present > 0) steps.see(misfit, static_cast<double>(present), k);
+    if (present > 0) steps.see(misfit, present, k);
     if (k > 0 && present > parameters && datum.values.size() > 1 &&
         (datum.values - data[k - 1]->values).isZero(0))
       report.set(ResidualTest::repeated, 0, k);
@@ -224,7 +223,7 @@ ResidualReport ResidualTests::examine(std::span<const likelihood::DatumPointer> 
     return report;
   }
   steps.tell(report, ResidualTest::step);
-  const double degrees = values - static_cast<double>(parameters);
+  const double degrees = values - parameters;
   if (degrees >= 1 && !own)
     report.set(ResidualTest::too_small, 1 - numerics::chi_squared_upper(report.misfit, degrees));
   test_extremes(report);
@@ -258,12 +257,11 @@ ResidualReport ResidualTests::examine_scores(Eigen::MatrixXd scores, Index param
   if (report.values == 0) return report;
   report.set(ResidualTest::total, numerics::chi_squared_upper(report.misfit, values));
   if (report.values > parameters)
-    report.set(ResidualTest::too_small,
-               1 - numerics::chi_squared_upper(report.misfit, values - static_cast<double>(parameters)));
+    report.set(ResidualTest::too_small, 1 - numerics::chi_squared_upper(report.misfit, values - parameters));
   LargestChiSquare steps;
   for (Index k = 0; k < report.scores.cols(); ++k) {
     const auto present = (report.scores.col(k).array() != 0).count();
-    if (present > 0) steps.see(report.scores.col(k).squaredNorm(), static_cast<double>(present), k);
+    if (present > 0) steps.see(report.scores.col(k).squaredNorm(), present, k);
   }
   steps.tell(report, ResidualTest::step);
   test_extremes(report);
@@ -289,7 +287,7 @@ void ResidualTests::test_extremes(ResidualReport& report) const {
   report.set(ResidualTest::value, of_many(largest, static_cast<double>(report.values)),
              step * z.rows() + sensor);
   if (likelihood::links_steps(noise_)) return;
-  const double mean = sums.cwiseAbs().maxCoeff(&at) / std::sqrt(static_cast<double>(z.cols()));
+  const double mean = sums.cwiseAbs().maxCoeff(&at) / std::sqrt(z.cols());
   report.set(ResidualTest::sensor_mean, of_many(mean, static_cast<double>(z.rows())), at);
 }
 
@@ -318,11 +316,11 @@ void ResidualTests::test_independent(ResidualReport& report, Index parameters) c
   const auto above = [](double sum, double products) {
     return numerics::normal_cdf(-sum / std::sqrt(products));
   };
-  const double following = static_cast<double>(n) * static_cast<double>(m - 1);
+  const double following = n * static_cast<double>(m - 1);
   if (m > parameters && following >= k_min_products)
     report.set(ResidualTest::time_neighbours,
                above(z.leftCols(m - 1).cwiseProduct(z.rightCols(m - 1)).sum(), following));
-  const double in_space = static_cast<double>(neighbours_.size()) * static_cast<double>(m);
+  const double in_space = neighbours_.size() * static_cast<double>(m);
   if (in_space < k_min_products) return;
   double sum = 0;
   for (const auto& [i, j] : neighbours_) sum += in_time_order.col(i).dot(in_time_order.col(j));
@@ -333,18 +331,15 @@ void ResidualTests::test_modes(const Eigen::MatrixXd& residuals, ResidualReport&
   const Index k = modal_.rows(), m = residuals.cols();
   if (k == 0) return;
   const Eigen::MatrixXd q = modal_ * residuals;
-  report.set(ResidualTest::modes,
-             numerics::chi_squared_upper(q.squaredNorm(), static_cast<double>(k) * static_cast<double>(m)));
-  report.set(ResidualTest::modes_mean,
-             numerics::chi_squared_upper(q.rowwise().sum().squaredNorm() / static_cast<double>(m),
-                                         static_cast<double>(k)));
+  report.set(ResidualTest::modes, numerics::chi_squared_upper(q.squaredNorm(), k * static_cast<double>(m)));
+  report.set(ResidualTest::modes_mean, numerics::chi_squared_upper(q.rowwise().sum().squaredNorm() / m, k));
   if (m < 2 * k_parts) return;
   double slow = 0;
   for (Index part = 0; part < k_parts; ++part) {
     const Index from = part * m / k_parts, to = (part + 1) * m / k_parts;
-    slow += q.middleCols(from, to - from).rowwise().sum().squaredNorm() / static_cast<double>(to - from);
+    slow += q.middleCols(from, to - from).rowwise().sum().squaredNorm() / (to - from);
   }
-  report.set(ResidualTest::modes_slow, numerics::chi_squared_upper(slow, static_cast<double>(k * k_parts)));
+  report.set(ResidualTest::modes_slow, numerics::chi_squared_upper(slow, k * k_parts));
 }
 
 }  // namespace knothe::assimilation

@@ -34,7 +34,7 @@ WhatIfFits::WhatIfFits(const model::ObservedModel& model, const ResidualTests& t
       values_(tests.noise().size(), std::ssize(data)),
       starts_(std::move(starts)) {
   for (std::size_t k = 0; k < data.size(); ++k) {
-    values_.col(static_cast<Index>(k)) = data[k]->values;
+    values_.col(k) = data[k]->values;
     time_indices_.push_back(data[k]->time_index);
   }
   present_ = (values_.array() == values_.array()).count();
@@ -49,14 +49,13 @@ Eigen::MatrixXd WhatIfFits::at_shifted(const Eigen::VectorXd& w, double shift, b
   Eigen::MatrixXd lift_low(values_.rows(), m), lift_step = Eigen::MatrixXd::Zero(values_.rows(), m);
   Eigen::RowVectorXd share = Eigen::RowVectorXd::Zero(m);
   for (Index k = 0; k < m; ++k) {
-    const double at =
-        std::clamp(static_cast<double>(time_indices_[k]) + shift, 0.0, static_cast<double>(last));
+    const double at = std::clamp(time_indices_[k] + shift, 0.0, static_cast<double>(last));
     const Index below = std::min<Index>(static_cast<Index>(at), std::max<Index>(0, last - 1));
     low.col(k) = model_.core[below] * w;
     lift_low.col(k) = model_.lift.col(below);
-    if (shift == 0 && slope == nullptr && static_cast<double>(below) == at) continue;
+    if (shift == 0 && slope == nullptr && below == at) continue;
     const Index above = std::min(below + 1, last);
-    share[k] = at - static_cast<double>(below);
+    share[k] = at - below;
     step.col(k) = model_.core[above] * w - low.col(k);
     lift_step.col(k) = model_.lift.col(above) - lift_low.col(k);
   }

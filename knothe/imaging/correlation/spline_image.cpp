@@ -41,7 +41,7 @@ std::vector<float> coefficient_taps(double prefilter_sigma, double (*response)(i
   std::vector<double> taps;
   for (int k = 0; k <= radius + k_spline_reach; ++k) {
     double sum = 0;
-    for (int j = -radius; j <= radius; ++j) sum += static_cast<double>(smooth[std::abs(j)]) * response(k - j);
+    for (int j = -radius; j <= radius; ++j) sum += smooth[std::abs(j)] * response(k - j);
     taps.push_back(sum);
   }
   while (std::abs(taps.back()) < k_smallest_tap) taps.pop_back();

@@ -72,8 +72,7 @@ std::optional<double> CrackScene::residual(int t, int s, const std::array<double
   if (!reference.counts(i)) return std::nullopt;
   const auto at = view.swap(t + motion[0], s + motion[1]);
   if (!deformed->contains(at[0], at[1])) return std::nullopt;
-  return static_cast<double>(reference.value[i]) - result->gain * deformed->at(at[0], at[1]).value -
-         result->offset;
+  return reference.value[i] - result->gain * deformed->at(at[0], at[1]).value - result->offset;
 }
 
 std::optional<SideMotion> CrackScene::side(double t, double s, int sign, double margin) const {

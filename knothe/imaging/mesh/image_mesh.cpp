@@ -231,14 +231,14 @@ PixelTable::PixelTable(const ImageMesh& mesh, int width, int height) {
     pixels.natural = shape.is_natural();
     if (pixels.natural)
       for (auto& row : rows[e]) {
-        row.first = static_cast<std::uint32_t>(xi_.size());
+        row.first = xi_.size();
         for (int k = 0; k < row.count; ++k) {
           const auto [xi, eta] = shape.coordinates(row.x + k, row.y);
           xi_.push_back(xi), eta_.push_back(eta);
         }
       }
-    pixels.first_row = static_cast<std::uint32_t>(rows_.size());
-    pixels.row_count = static_cast<std::uint32_t>(rows[e].size());
+    pixels.first_row = rows_.size();
+    pixels.row_count = rows[e].size();
     for (const auto& row : rows[e]) pixels.pixel_count += row.count;
     rows_.insert(rows_.end(), rows[e].begin(), rows[e].end());
   }

@@ -44,8 +44,7 @@ Region region_of(const files::Picture& mask) {
 /// Standard deviation of the grey levels of a picture.
 double spread_of(const files::Picture& picture) {
   double sum = 0, squares = 0;
-  for (const float level : picture.pixels)
-    sum += level, squares += static_cast<double>(level) * static_cast<double>(level);
+  for (const float level : picture.pixels) sum += level, squares += level * static_cast<double>(level);
   const double count = picture.pixels.size();
   return std::sqrt(std::max(0.0, squares / count - std::pow(sum / count, 2)));
 }

@@ -32,7 +32,7 @@ Eigen::SparseMatrix<double> read_matrix(const Hdf5Reader& file, const std::strin
   in_si(file, group + "/data", "1/m2", data);
   const std::vector<std::int64_t> indices = file.read_integers(group + "/indices");
   const std::vector<std::int64_t> rows = file.read_integers(group + "/indptr");
-  if (rows.size() != n_obs + 1 || rows.back() != static_cast<std::int64_t>(data.size()) ||
+  if (rows.size() != n_obs + 1 || rows.back() != std::ssize(data) ||
       indices.size() != data.size()) {
     throw DataError(
         fmt::format("{}: {} is not a CSR matrix of {} rows: indptr has {} entries, indices {}, data {}",
@@ -49,7 +49,7 @@ Eigen::SparseMatrix<double> read_matrix(const Hdf5Reader& file, const std::strin
       entries.emplace_back(static_cast<int>(i), static_cast<int>(indices[k]), data[k]);
     }
   }
-  Eigen::SparseMatrix<double> precision(static_cast<Eigen::Index>(n_obs), static_cast<Eigen::Index>(n_obs));
+  Eigen::SparseMatrix<double> precision(n_obs, n_obs);
   precision.setFromTriplets(entries.begin(), entries.end());
   return precision;
 }
@@ -114,9 +114,8 @@ NoiseModel read_noise(const Hdf5Reader& file, std::size_t n_obs, std::size_t n_t
     if (file.has("/noise/std")) {
       std::vector<double> std = file.read("/noise/std", Shape{n_obs});
       in_si(file, "/noise/std", "m", std);
-      return with_shared_reference(file, "/noise/std",
-                                   NoiseModel::independent(Eigen::Map<const Eigen::VectorXd>(
-                                       std.data(), static_cast<Eigen::Index>(n_obs))));
+      return with_shared_reference(
+          file, "/noise/std", NoiseModel::independent(Eigen::Map<const Eigen::VectorXd>(std.data(), n_obs)));
     }
     if (file.has("/noise/precision")) {
       const NoiseModel noise = NoiseModel::correlated(read_matrix(file, "/noise/precision", n_obs));
@@ -217,7 +216,7 @@ Measurements read_hdf5(const std::string& path) {
   const std::size_t n_t = shape[0], n_obs = shape[1];
   std::vector<double> values = file.read("/values", true);
   in_si(file, "/values", "m", values);
-  m.values.resize(static_cast<Eigen::Index>(n_obs), static_cast<Eigen::Index>(n_t));
+  m.values.resize(n_obs, n_t);
   for (std::size_t t = 0; t < n_t; ++t) {
     for (std::size_t j = 0; j < n_obs; ++j) {
       const double value = values[t * n_obs + j];
@@ -225,7 +224,7 @@ Measurements read_hdf5(const std::string& path) {
         throw DataError(
             fmt::format("{}: values[{},{}] is infinite: give NaN for a missing value", path, t, j));
       }
-      m.values(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(t)) = value;
+      m.values(j, static_cast<Eigen::Index>(t)) = value;
     }
   }
   m.sensors.points = file.read("/dofs/points", Shape{n_obs, 3});
@@ -305,7 +304,7 @@ void write_measurements(const std::string& path, const Measurements& m, const st
       file.write("/truth/" + name, {&value, 1}, {1}, {"1", "true value"});
     file.text_attribute("/", "created_by", k_created_by);
     file.text_attribute("/", "project", project);
-    file.number_attribute("/", "seed", static_cast<double>(seed));
+    file.number_attribute("/", "seed", seed);
     file.close();
   });
 }

@@ -22,7 +22,7 @@ std::mt19937_64 stream(std::uint64_t seed, std::uint64_t purpose) {
 
 /// In (0, 1), never an end, the same on every standard library.
 double uniform(std::mt19937_64& random) {
-  return (static_cast<double>(random() >> 11) + 0.5) * 0x1.0p-53;
+  return ((random() >> 11) + 0.5) * 0x1.0p-53;
 }
 
 bool inside(const std::optional<std::array<double, 2>>& range, double value) {
@@ -49,8 +49,7 @@ std::vector<std::size_t> choose_dofs(const model::Dofs& dofs, const DofSelection
     }
     std::array<long long, 3> key;
     for (int c = 0; c < 3; ++c) key[c] = std::llround(point[c] * 1e9);
-    nodes.try_emplace(key, std::array<long long, 3>{-1, -1, -1}).first->second[dofs.components[i]] =
-        static_cast<long long>(i);
+    nodes.try_emplace(key, std::array<long long, 3>{-1, -1, -1}).first->second[dofs.components[i]] = i;
   }
   std::vector<std::array<long long, 3>> candidates;
   for (const auto& [position, node] : nodes) {
@@ -58,7 +57,7 @@ std::vector<std::size_t> choose_dofs(const model::Dofs& dofs, const DofSelection
                                       [&](int component) { return node[component] >= 0; });
     if (complete) candidates.push_back(node);
   }
-  if (candidates.size() < static_cast<std::size_t>(selection.nodes)) {
+  if (std::ssize(candidates) < selection.nodes) {
     throw ProjectError(fmt::format(
         "simulate.dofs.random = {}, but the model has only {} nodes with these components on that "
         "part of the face: ask for fewer, or widen x and y",
@@ -68,7 +67,7 @@ std::vector<std::size_t> choose_dofs(const model::Dofs& dofs, const DofSelection
   std::vector<std::size_t> chosen;
   for (int k = 0; k < selection.nodes; ++k) {
     const std::size_t left = candidates.size() - k;
-    const std::size_t pick = k + static_cast<std::size_t>(uniform(random) * static_cast<double>(left));
+    const std::size_t pick = k + static_cast<std::size_t>(uniform(random) * left);
     std::swap(candidates[k], candidates[pick]);
     for (int component : selection.components) chosen.push_back(candidates[k][component]);
   }

@@ -36,7 +36,7 @@ Eigen::VectorXd ModelBias::coefficients(const numerics::IncrementalSvd& svd, dou
   Eigen::VectorXd ahead(used(svd));
   for (Eigen::Index k = 0; k < ahead.size(); ++k) {
     const auto n = static_cast<std::size_t>(series.rows());
-    ahead[k] = likelihood::extrapolate(options_.extrapolation, options_.order, options_.window, times_,
+    ahead[k] = likelihood::extrapolate(options_.order, options_.window, times_,
                                        std::span(series.col(k).data(), n), time);
   }
   return ahead;
@@ -44,15 +44,6 @@ Eigen::VectorXd ModelBias::coefficients(const numerics::IncrementalSvd& svd, dou
 
 ModelBias::Ahead ModelBias::ahead(double time) const {
   Ahead next;
-  if (options_.way == BiasOptions::Way::pointwise) {
-    std::tie(next.mean, next.std) = two_.back();
-    if (two_.size() == 2) {
-      const double t1 = times_[times_.size() - 2], t2 = times_.back(), on = (time - t2) / (t2 - t1);
-      next.mean += on * (two_[1].first - two_[0].first);
-      next.std += on * (two_[1].second - two_[0].second);
-    }
-    return next;
-  }
   next.coefficients = coefficients(mean_, time);
   next.mean = mean_.space().leftCols(next.coefficients.size()) * next.coefficients;
   const Eigen::VectorXd spread = coefficients(std_, time);
@@ -63,7 +54,7 @@ ModelBias::Ahead ModelBias::ahead(double time) const {
 void ModelBias::add(double time, Eigen::VectorXd mean, const Eigen::VectorXd& prediction_std) {
   assert(times_.empty() || time > times_.back());
   mean.array() /= noise_std_.array();
-  Eigen::VectorXd std = (1 + (prediction_std.array() / noise_std_.array()).square()).sqrt();
+  const Eigen::VectorXd std = (1 + (prediction_std.array() / noise_std_.array()).square()).sqrt();
   Ahead expected;
   if (steps() > 0) expected = ahead(time);
   for (Eigen::Index i = 0; i < mean.size(); ++i) {
@@ -88,15 +79,10 @@ void ModelBias::add(double time, Eigen::VectorXd mean, const Eigen::VectorXd& pr
   }
   times_.push_back(time);
   if (std::ssize(times_) > k_window) times_.erase(times_.begin());
-  if (options_.way == BiasOptions::Way::pointwise) {
-    two_.emplace_back(std::move(mean), std::move(std));
-    if (two_.size() > 2) two_.pop_front();
-  }
 }
 
 std::optional<Eigen::VectorXd> ModelBias::latest() const {
   if (steps() == 0) return std::nullopt;
-  if (options_.way == BiasOptions::Way::pointwise) return two_.back().first.cwiseProduct(noise_std_);
   const Eigen::Index k = used(mean_);
   const Eigen::VectorXd coefficients =
       mean_.time().bottomRows(1).leftCols(k).transpose().cwiseProduct(mean_.singular_values().head(k));

@@ -3,7 +3,6 @@
 /// extrapolated to the next datum.
 #include <Eigen/Core>
 #include <array>
-#include <deque>
 #include <optional>
 #include <vector>
 
@@ -25,16 +24,21 @@ struct BiasOptions {
   /// How the bias goes on to the next time: unknown together with the parameters, and integrated out
   /// (`JointDiscrepancy`); as the residual of the last posterior, through the time modes of the residuals'
   /// singular value decomposition (Eq. 20), with what the modes were off by lately added to the covariance;
-  /// the same without that addition, Eq. 18-20 to the letter; or sensor by sensor, the paper's baseline.
-  enum class Way { joint, modes, published, pointwise } way = Way::joint;
+  /// or the same without that addition, Eq. 18-20 to the letter.
+  enum class Way { joint, modes, published } way = Way::joint;
   /// Joint: sizes κ of the discrepancy that are weighed against each other and against none, by the evidence.
   std::vector<double> sizes = {0.1, 0.3, 1.0};
   double memory = 20;  ///< joint: steps after which the discrepancy has forgotten itself
-  Extrapolation extrapolation = Extrapolation::polynomial;
-  int rank = 2;    ///< modes of mean and of standard deviation that are kept (two in the paper's Fig. 15)
-  int order = 1;   ///< of the polynomial
-  int window = 2;  ///< values the polynomial goes through, at least order + 1
+  int rank = 2;        ///< modes of mean and of standard deviation that are kept (two in the paper's Fig. 15)
+  int order = 1;       ///< of the polynomial that extrapolates them
+  int window = 2;      ///< values the polynomial goes through, at least order + 1
 };
+
+constexpr auto names_of(BiasOptions::Way /*way*/) {
+  using Way = BiasOptions::Way;
+  return std::to_array<Named<Way>>(
+      {{Way::joint, "joint"}, {Way::modes, "linear"}, {Way::published, "published"}});
+}
 
 /// π_B̂ of Eq. 18: what is to be added to the model's prediction of a datum, and its noise, which takes the
 /// place of the measurement's. N(mean, S R S + F Fᵀ), R the measurement noise, S = diag(scale).
@@ -76,9 +80,8 @@ class ModelBias {
   Eigen::VectorXd noise_std_;
   BiasOptions options_;
   numerics::IncrementalSvd mean_, std_;
-  std::vector<double> times_;                                    ///< of the rows of the time modes
-  std::deque<std::pair<Eigen::VectorXd, Eigen::VectorXd>> two_;  ///< last columns, for the pointwise way
-  Eigen::MatrixXd error_;  ///< running mean of squares of one-step errors, in the mean's space modes
+  std::vector<double> times_;  ///< of the rows of the time modes
+  Eigen::MatrixXd error_;      ///< running mean of squares of one-step errors, in the mean's space modes
   double error_weight_ = 0;
 };
 

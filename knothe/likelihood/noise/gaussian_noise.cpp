@@ -29,7 +29,7 @@ void factorise(Factor& factor, const Sparse& matrix) {
 Sparse selection(Eigen::Index n, const std::vector<Eigen::Index>& kept) {
   Sparse s(n, std::ssize(kept));
   s.reserve(Eigen::VectorXi::Ones(s.cols()));
-  for (std::size_t j = 0; j < kept.size(); ++j) s.insert(kept[j], static_cast<Eigen::Index>(j)) = 1;
+  for (std::size_t j = 0; j < kept.size(); ++j) s.insert(kept[j], j) = 1;
   s.makeCompressed();
   return s;
 }

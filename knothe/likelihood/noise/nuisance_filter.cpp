@@ -35,8 +35,7 @@ StepForm NuisanceFilter::condition(const NoiseGroup& group, const Eigen::MatrixX
   ProjectedDatum datum{group, core, residual, Eigen::MatrixXd::Zero(residual.size(), states_.size())};
   if (scale_std_ > 0) {
     datum.extra.col(0) = predicted;
-    for (std::size_t j = group.kept.size(); j-- > 0 && group.kept[j] >= first_scalar_;)
-      datum.extra(static_cast<Eigen::Index>(j), 0) = 0;
+    for (std::size_t j = group.kept.size(); j-- > 0 && group.kept[j] >= first_scalar_;) datum.extra(j, 0) = 0;
   }
   if (lasting != nullptr)
     datum.extra.middleCols(scale_std_ > 0 ? 1 : 0, lasting_count_) = (*lasting)(group.kept, Eigen::all);

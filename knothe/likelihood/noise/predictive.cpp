@@ -39,7 +39,7 @@ Eigen::VectorXd log_likelihoods(const Eigen::Ref<const Eigen::MatrixXd>& predict
   const Eigen::MatrixXd residual =
       (-predictions(present, Eigen::all)).colwise() + Eigen::VectorXd(values(present));
   const Eigen::VectorXd misfit = residual.cwiseProduct(seen.apply(residual)).colwise().sum().transpose();
-  const double constant = static_cast<double>(n) * std::log(2 * std::numbers::pi) + seen.log_determinant();
+  const double constant = n * std::log(2 * std::numbers::pi) + seen.log_determinant();
   return -0.5 * (misfit.array() + constant).matrix();
 }
 

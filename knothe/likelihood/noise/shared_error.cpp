@@ -25,7 +25,7 @@ StepForm form_of(const Eigen::MatrixXd& product, const std::vector<Eigen::Index>
   form.linear = product(unknowns, 0);
   form.constant = product(0, 0);
   form.used = used;
-  form.log_normaliser = static_cast<double>(used) * k_log_2_pi + log_determinant;
+  form.log_normaliser = used * k_log_2_pi + log_determinant;
   return form;
 }
 
@@ -40,8 +40,7 @@ void NoiseGroup::project(const Eigen::MatrixXd& core, const Eigen::VectorXd& res
   noise.apply(residual, weighted);
   form.constant = factor * residual.dot(weighted);
   form.used = residual.size();
-  form.log_normaliser =
-      static_cast<double>(form.used) * (k_log_2_pi - std::log(factor)) + noise.log_determinant();
+  form.log_normaliser = form.used * (k_log_2_pi - std::log(factor)) + noise.log_determinant();
   const Eigen::Index r = core.cols(), m = extra.cols();
   if (m == 0) return;
   form.quadratic.conservativeResize(r + m, r + m);
@@ -164,7 +163,7 @@ void SharedError::choose_moved(const Kind& mine, MovedForm& moved, std::vector<c
     }
   }
   moved.groups = std::ssize(standing);
-  moved.group = std::min(static_cast<Eigen::Index>(&mine - kinds_.data()), k_max_moved_groups - 1);
+  moved.group = std::min((&mine - kinds_.data()), k_max_moved_groups - 1);
 }
 
 // ------------------------------------------------------------------------------------------------ uniform
@@ -319,13 +318,11 @@ SharedError::Information SharedError::with(Information information, Kind& kind, 
     kind.border = first;
     size += missing;
     // det Q_uu = det Q / det Q_s.
-    information.log_border += log_own - whole.log_determinant() + kind.noise.log_determinant() +
-                              static_cast<double>(missing) * std::log(static_cast<double>(count));
+    information.log_border +=
+        log_own - whole.log_determinant() + kind.noise.log_determinant() + missing * std::log(count);
     information.matrix.conservativeResize(size, size);
   } else if (missing > 0) {
-    information.log_border +=
-        static_cast<double>(missing) *
-        std::log(static_cast<double>(kind.count + count) / static_cast<double>(kind.count));
+    information.log_border += missing * std::log((kind.count + count) / static_cast<double>(kind.count));
   }
   Sparse selection(size, n);
   selection.setFromTriplets(entries.begin(), entries.end());

@@ -224,7 +224,7 @@ void CollapsedLogDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, i
 void add_standard_normal(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
                          posterior::LogDensityBatch& out) {
   const Eigen::Index d = z.cols();
-  out.value.array() -= 0.5 * static_cast<double>(d) * k_log_2_pi;
+  out.value.array() -= 0.5 * d * k_log_2_pi;
   for (Eigen::Index a = 0; a < d; ++a) {
     out.value.array() -= 0.5 * z.col(a).array().square();
     if (derivatives >= 2) out.hessian.col(posterior::packed_index(a, a)).array() -= 1;

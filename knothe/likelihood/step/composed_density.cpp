@@ -56,7 +56,7 @@ PushedPoints push_forward(posterior::LogDensity& target, const Eigen::MatrixXd& 
   target.evaluate(pushed.value, 0, batch);
   const Eigen::ArrayXd log_weight = batch.value.array() + pushed.log_determinant.array() -
                                     posterior::standard_normal_log_density(reference).array();
-  const double largest = log_weight.maxCoeff(), count = static_cast<double>(n);
+  const double largest = log_weight.maxCoeff(), count = n;
   const Eigen::ArrayXd weight = (log_weight - largest).exp();
   const double sum = weight.sum();
   PushedPoints result;

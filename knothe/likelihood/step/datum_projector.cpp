@@ -147,8 +147,7 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
   StepForm wide{products.topLeftCorner(modes + factors, modes + factors),
                 products.col(modes + factors).head(modes + factors),
                 products(modes + factors, modes + factors)};
-  wide.log_normaliser =
-      static_cast<double>(form.used) * k_log_2_pi + noise.log_determinant() + 2 * scale.array().log().sum();
+  wide.log_normaliser = form.used * k_log_2_pi + noise.log_determinant() + 2 * scale.array().log().sum();
   if (factors > 0) wide = without_standard_normals(wide, modes);
   const auto& core = model_->core[time_index];
   form.quadratic = core.transpose() * wide.quadratic * core;
@@ -174,8 +173,7 @@ void DatumProjector::project_complete(std::size_t time_index, StepForm& form) {
   form.quadratic = quadratic_[time_index];
   form.linear.noalias() = model_->core[time_index].transpose() * in_space_;
   form.constant = residual_.dot(weighted_);
-  form.log_normaliser =
-      static_cast<double>(residual_.size()) * k_log_2_pi + noise_.measurement().log_determinant();
+  form.log_normaliser = residual_.size() * k_log_2_pi + noise_.measurement().log_determinant();
 }
 
 const NoiseGroup& DatumProjector::group_of(std::size_t step) {

@@ -30,14 +30,13 @@ void StudentLikelihood::add(std::size_t time_index, const Eigen::Ref<const Eigen
   if (values.array().isInf().any())
     throw DataError("a measured value is infinite: give NaN for a missing value");
   const auto present = values.array() == values.array();
-  Kept datum{
-      time_index, values - model_->lift.col(static_cast<Eigen::Index>(time_index)), {}, present.count()};
+  Kept datum{time_index, values - model_->lift.col(time_index), {}, present.count()};
   datum.residual -= model_->space * (model_->core[time_index] * central_).eval();
   datum.precision = present.select(scale.array().inverse(), 0.0);
   datum.residual = present.select(datum.residual.array() * datum.precision.array(), 0.0);
   const double of_one = std::lgamma(0.5 * (degrees_ + 1)) - std::lgamma(0.5 * degrees_) -
                         0.5 * std::log(degrees_ * std::numbers::pi);
-  log_constant_ += static_cast<double>(datum.used) * of_one - present.select(scale.array().log(), 0.0).sum();
+  log_constant_ += datum.used * of_one - present.select(scale.array().log(), 0.0).sum();
   data_.push_back(std::move(datum));
 }
 
@@ -112,7 +111,7 @@ StepForm StudentLikelihood::gaussian_form(const Eigen::VectorXd& precision_facto
   form.quadratic = 0.5 * (form.quadratic + form.quadratic.transpose().eval());
   form.linear = core.transpose() * (weighted.transpose() * datum.residual).eval();
   form.constant = (factor * datum.residual.array().square()).sum();
-  form.log_normaliser = static_cast<double>(datum.used) * std::log(2 * std::numbers::pi) -
+  form.log_normaliser = datum.used * std::log(2 * std::numbers::pi) -
                         present.select(factor * datum.precision.array().square(), 1.0).log().sum();
   form.used = datum.used;
   form.missing = factor.size() - datum.used;

@@ -8,7 +8,7 @@
 
 namespace {
 
-using namespace knothe::reduction;
+using namespace knothe::model;
 
 constexpr std::size_t k_dofs = 7500, k_steps = 100;
 

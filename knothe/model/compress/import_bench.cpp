@@ -13,7 +13,7 @@
 
 namespace {
 
-using namespace knothe::reduction;
+using namespace knothe::model;
 
 struct Size {
   std::size_t parameters, nodes, steps, dofs;

@@ -30,7 +30,7 @@ SeparatedForwardModel::SeparatedForwardModel(const ObservedModel& model,
   for (Eigen::Index s = 0; s < count; ++s) {
     const std::size_t step = steps[s];
     matrix_.middleRows(s * n, n) = model.space * model.core[step];
-    offset_.segment(s * n, n) = model.lift.col(static_cast<Eigen::Index>(step));
+    offset_.segment(s * n, n) = model.lift.col(step);
   }
 }
 
@@ -93,8 +93,7 @@ void SeparatedOutputModel::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& poi
                                     Eigen::Ref<Eigen::MatrixXd> values) {
   for (Eigen::Index i = 0; i < points.cols(); ++i) {
     const auto found = at(points.col(i), 0);
-    for (std::size_t s = 0; s < steps_.size(); ++s)
-      values(static_cast<Eigen::Index>(s), i) = found.value[steps_[s]];
+    for (std::size_t s = 0; s < steps_.size(); ++s) values(s, i) = found.value[steps_[s]];
   }
   calls_.evaluations += points.cols();
 }
@@ -105,8 +104,7 @@ void SeparatedOutputModel::jacobian(const Eigen::Ref<const Eigen::MatrixXd>& poi
   for (Eigen::Index i = 0; i < points.cols(); ++i) {
     const auto found = at(points.col(i), 1);
     for (std::size_t s = 0; s < m; ++s)
-      for (std::size_t k = 0; k < d; ++k)
-        jacobians(static_cast<Eigen::Index>(k * m + s), i) = found.gradient[steps_[s] * d + k];
+      for (std::size_t k = 0; k < d; ++k) jacobians(k * m + s, i) = found.gradient[steps_[s] * d + k];
   }
   calls_.jacobians += points.size();
 }
@@ -120,8 +118,7 @@ void SeparatedOutputModel::hessian(const Eigen::Ref<const Eigen::MatrixXd>& poin
     hessians.col(i).setZero();
     for (std::size_t s = 0; s < steps_.size(); ++s)
       for (std::size_t ab = 0; ab < d * d; ++ab)
-        hessians(static_cast<Eigen::Index>(ab), i) +=
-            sensitivities(static_cast<Eigen::Index>(s), i) * found.hessian[steps_[s] * d * d + ab];
+        hessians(ab, i) += sensitivities(s, i) * found.hessian[steps_[s] * d * d + ab];
   }
   calls_.hessians += points.size();
 }

@@ -43,9 +43,7 @@ class SeparatedOutputModel final : public ForwardModel {
   /// Errors: UsageError for an output or a step that is not there.
   SeparatedOutputModel(SeparatedModel model, std::string output, std::vector<std::size_t> steps);
 
-  [[nodiscard]] Eigen::Index dimension() const override {
-    return static_cast<Eigen::Index>(model_.dimension());
-  }
+  [[nodiscard]] Eigen::Index dimension() const override { return model_.dimension(); }
   [[nodiscard]] Eigen::Index output_count() const override { return std::ssize(steps_); }
   [[nodiscard]] std::string where() const override { return model_.where(); }
   [[nodiscard]] bool is_cheap() const override { return true; }

@@ -21,13 +21,12 @@ namespace {
 constexpr double k_nothing = std::numeric_limits<double>::quiet_NaN();
 
 Eigen::Index sum_of(const std::vector<std::size_t>& sizes) {
-  return static_cast<Eigen::Index>(std::accumulate(sizes.begin(), sizes.end(), std::size_t{0}));
+  return std::accumulate(sizes.begin(), sizes.end(), std::size_t{0});
 }
 
 /// First index of vector `i` among all, one after the other.
 Eigen::Index offset(const std::vector<std::size_t>& sizes, std::size_t i) {
-  return static_cast<Eigen::Index>(
-      std::accumulate(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(i), std::size_t{0}));
+  return std::accumulate(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(i), std::size_t{0});
 }
 
 std::vector<double> piece(const Eigen::Ref<const Eigen::VectorXd>& values, Eigen::Index begin,
@@ -74,7 +73,7 @@ struct UmbridgeModel::Protocol {
   /// The answer of a derivative's route, one vector.
   [[nodiscard]] Eigen::VectorXd vector(const std::string& route, Json request, std::size_t size) const {
     const Json answer = ask(route, std::move(request));
-    Eigen::VectorXd out = Eigen::VectorXd::Constant(static_cast<Eigen::Index>(size), k_nothing);
+    Eigen::VectorXd out = Eigen::VectorXd::Constant(size, k_nothing);
     umbridge::read_vector(umbridge::member(answer, "output", place(route)), out, "output", place(route));
     return out;
   }

@@ -95,7 +95,7 @@ void read_vector(const Json& array, Eigen::Ref<Eigen::VectorXd> out, const std::
   if (!array.is_array())
     throw DataError(
         fmt::format("{}: {} must be a list of numbers, not {}", where, what, beginning(array.dump())));
-  if (array.size() != static_cast<std::size_t>(out.size()))
+  if (std::ssize(array) != out.size())
     throw DataError(fmt::format("{}: {} has {} entries; by the sizes that the server gives it must have {}",
                                 where, what, array.size(), out.size()));
   for (Eigen::Index i = 0; i < out.size(); ++i) {

@@ -7,7 +7,7 @@
 
 namespace {
 
-using namespace knothe::reduction;
+using namespace knothe::model;
 
 constexpr Eigen::Index k_points = 256;
 

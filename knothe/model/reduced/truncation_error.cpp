@@ -291,7 +291,7 @@ struct BetweenSteps {
     const double width = steps[right] - steps[left];
     share = width > 0 ? std::clamp((time - steps[left]) / width, 0.0, 1.0) : 1.0;
   }
-  [[nodiscard]] double position() const { return static_cast<double>(left) + share; }
+  [[nodiscard]] double position() const { return left + share; }
 };
 
 /// A root of the positive semidefinite S: S = root rootᵀ.
@@ -327,7 +327,7 @@ ObservedTruncation observe_truncation(const TruncationError& error, const ModelC
         fmt::format("{}: the model's file has no /truncation: make the model again with this version of "
                     "`knothe offline` or `knothe model import`, or leave method.truncation_error off",
                     where));
-  const auto q = static_cast<Index>(error.count), m = static_cast<Index>(error.off_grid_count());
+  const Index q = error.count, m = error.off_grid_count();
   const Index n_t = std::ssize(error.variance);
   const MatrixXd observed = observed_space(error, model, where, sensors, scalars);
   const Eigen::VectorXd unit = observed_unit_variance(model, sensors, scalars);
@@ -338,9 +338,9 @@ ObservedTruncation observe_truncation(const TruncationError& error, const ModelC
   };
   std::vector<BetweenSteps> places;
   for (const double time : times) places.emplace_back(model.time, time);
-  const double distance = places.size() < 2 ? error.persistence
-                                            : (places.back().position() - places.front().position()) /
-                                                  static_cast<double>(places.size() - 1);
+  const double distance = places.size() < 2
+                              ? error.persistence
+                              : (places.back().position() - places.front().position()) / (places.size() - 1);
   const double factor = std::max(1.0, error.persistence / distance);
   ObservedTruncation result;
   result.left_out.resize(observed.rows(), std::ssize(places));
@@ -356,7 +356,7 @@ ObservedTruncation observe_truncation(const TruncationError& error, const ModelC
         const std::vector<double>& e = *outputs[k].errors;
         sum += between(std::pow(e[j * n_t + left], 2), std::pow(e[j * n_t + right], 2));
       }
-      of_step(outputs[k].row, q + k) = std::sqrt(sum / static_cast<double>(m));
+      of_step(outputs[k].row, q + k) = std::sqrt(sum / m);
     }
     result.factors.push_back(std::sqrt(factor) * of_step);
     result.left_out.col(i) = factor * between(error.variance[left], error.variance[right]) * unit;

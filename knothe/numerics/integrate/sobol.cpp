@@ -73,7 +73,7 @@ Eigen::MatrixXd sobol_points(Index n, Index d, std::uint64_t seed) {
     std::uint32_t x = 0;
     if (seed != 0) {
       scramble(v, state);
-      x = static_cast<std::uint32_t>(split_mix(state));
+      x = split_mix(state);
     }
     for (Index i = 0; i < n; ++i) {
       points(i, k) = (x + 0.5) * 0x1p-32;

@@ -22,7 +22,7 @@
 namespace {
 
 using namespace knothe::offline;
-namespace reduction = knothe::reduction;
+namespace model = knothe::model;
 
 struct AccuracyStudy {
   BeamProblem problem;

@@ -24,7 +24,7 @@
 namespace {
 
 using namespace knothe::offline;
-namespace reduction = knothe::reduction;
+namespace model = knothe::model;
 
 struct Case {
   double element = 0.005;

@@ -51,9 +51,8 @@ void check_band(const HexahedronMesh& mesh, const DamageRegularisationOptions& o
           "regularised damage: cell {} is {:.4g} m wide; at Y0 = {:.4g} J/m3, Ad = {:.4g} m3/J the crack "
           "band needs cells of at most {:.4g} m (else the stress would have to fall with the strain going "
           "back): take smaller elements, or a smaller box of parameters",
-          mesh.names.empty() ? static_cast<std::int64_t>(cell) : mesh.names[cell],
-          options.reference_size / ratios[cell], parameters.threshold, parameters.brittleness,
-          options.reference_size / smallest));
+          mesh.names.empty() ? cell : mesh.names[cell], options.reference_size / ratios[cell],
+          parameters.threshold, parameters.brittleness, options.reference_size / smallest));
 }
 
 double crack_length(const HexahedronMesh& mesh, const FiniteElements& elements,

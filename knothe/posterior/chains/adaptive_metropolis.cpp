@@ -58,8 +58,8 @@ class WithinCovariance {
   }
   /// Drawn towards `lower lowerᵀ`, as if that had been seen in 2 d draws more.
   [[nodiscard]] Eigen::MatrixXd lower_with(const Eigen::MatrixXd& lower) const {
-    const double prior = 2.0 * static_cast<double>(sum_.rows());
-    const double seen = static_cast<double>(draws_ * mean_.rows());
+    const double prior = 2.0 * sum_.rows();
+    const double seen = draws_ * mean_.rows();
     const Eigen::MatrixXd sum = 0.5 * (sum_ + sum_.transpose()) + prior * lower * lower.transpose();
     const Eigen::LLT<Eigen::MatrixXd> factor(sum / (seen + prior));
     return factor.info() == Eigen::Success ? Eigen::MatrixXd(factor.matrixL()) : lower;
@@ -158,7 +158,7 @@ void Chains::begin() {
 void Chains::restrain(const Eigen::MatrixXd& gradient, Eigen::MatrixXd& restrained) const {
   if (derivatives_ == 0) return;
   restrained = gradient * lower_;
-  const double longest = 3 * (1 + std::sqrt(static_cast<double>(d_)));
+  const double longest = 3 * (1 + std::sqrt(d_));
   for (Eigen::Index c = 0; c < restrained.rows(); ++c) {
     const double length = restrained.row(c).stableNorm();
     if (!std::isfinite(length))
@@ -185,7 +185,7 @@ void Chains::advance(bool tune) {
           (move.row(c) + drift * restrained_proposal_.row(c)).squaredNorm() / (2 * scale * scale);
       log_ratio += forward[c] - backward;
     }
-    acceptance_ += std::exp(std::min(0.0, log_ratio)) / static_cast<double>(chains_);
+    acceptance_ += std::exp(std::min(0.0, log_ratio)) / chains_;
     if (std::log(random_.uniform()) >= log_ratio) continue;
     position_.row(c) = proposal.row(c);
     value_[c] = batch_.value[c];
@@ -229,8 +229,7 @@ MetropolisResult adaptive_metropolis(LogDensity& target, const MetropolisOptions
   Eigen::Index stage_begin = 0, planned = warm_up + kept;
   double share_before = 0, share_after = options.max_thinning > 1 ? 0.5 : 1;
   const auto report = [&](Eigen::Index done) {
-    const double of_stage =
-        static_cast<double>(done - stage_begin) / static_cast<double>(planned - stage_begin);
+    const double of_stage = (done - stage_begin) / static_cast<double>(planned - stage_begin);
     if (options.progress && !options.progress(share_before + of_stage * (share_after - share_before)))
       throw Interrupted(fmt::format("mcmc: interrupted after {} of {} steps", done, planned));
   };
@@ -240,8 +239,7 @@ MetropolisResult adaptive_metropolis(LogDensity& target, const MetropolisOptions
   for (Eigen::Index t = 0; t < warm_up; ++t) {
     chains.advance(true);
     chains.learn();
-    if (window < k_learning_ends.size() &&
-        static_cast<double>(t + 1) >= k_learning_ends[window] * static_cast<double>(warm_up)) {
+    if (window < k_learning_ends.size() && t + 1 >= k_learning_ends[window] * warm_up) {
       chains.use_learnt();
       ++window;
     }
@@ -250,8 +248,7 @@ MetropolisResult adaptive_metropolis(LogDensity& target, const MetropolisOptions
   MetropolisResult result;
   result.chains = options.chains;
   result.sample.points.resize(chain_count * kept, target.dimension());
-  result.sample.weights =
-      Eigen::VectorXd::Constant(chain_count * kept, 1.0 / static_cast<double>(chain_count * kept));
+  result.sample.weights = Eigen::VectorXd::Constant(chain_count * kept, 1.0 / (chain_count * kept));
   Eigen::Index steps = 0, draws = 0;
   for (;;) {
     for (; draws < kept; ++draws) {
@@ -277,7 +274,7 @@ MetropolisResult adaptive_metropolis(LogDensity& target, const MetropolisOptions
     share_after = 2 * result.thinning > options.max_thinning ? 1 : 0.5 * (1 + share_before);
   }
   if (share_after < 1 && options.progress) (void)options.progress(1);
-  result.acceptance /= static_cast<double>(steps);
+  result.acceptance /= steps;
   result.sample.density_evaluations = chains.evaluations();
   return result;
 }

@@ -45,8 +45,8 @@ Eigen::MatrixXd rank_normalise(const Eigen::MatrixXd& draws) {
   Eigen::MatrixXd scores(draws.rows(), draws.cols());
   for (std::size_t begin = 0, end = 0; begin < n; begin = end) {
     while (end < n && values[order[end]] == values[order[begin]]) ++end;
-    const double rank = 0.5 * static_cast<double>(begin + 1 + end);  // the mean of begin + 1 … end
-    const double score = numerics::normal_quantile((rank - 0.375) / (static_cast<double>(n) + 0.25));
+    const double rank = 0.5 * (begin + 1 + end);  // the mean of begin + 1 … end
+    const double score = numerics::normal_quantile((rank - 0.375) / (n + 0.25));
     for (std::size_t i = begin; i < end; ++i) scores.data()[order[i]] = score;
   }
   return scores;
@@ -58,7 +58,7 @@ struct Variances {
 };
 
 Variances variances(const Eigen::MatrixXd& chains) {
-  const auto n = static_cast<double>(chains.rows()), m = static_cast<double>(chains.cols());
+  const double n = chains.rows(), m = chains.cols();
   const Eigen::RowVectorXd means = chains.colwise().mean();
   Variances v;
   v.within = (chains.rowwise() - means).squaredNorm() / ((n - 1) * m);
@@ -123,7 +123,7 @@ double effective_of(const Eigen::MatrixXd& halves) {
 /// 1 below the quantile of `level`, else 0.
 Eigen::MatrixXd below_quantile(const Eigen::MatrixXd& draws, double level) {
   std::vector<double> values(draws.data(), draws.data() + draws.size());
-  const auto at = values.begin() + static_cast<std::ptrdiff_t>(level * static_cast<double>(values.size()));
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(level * values.size());
   std::nth_element(values.begin(), at, values.end());
   return (draws.array() <= *at).cast<double>();
 }

@@ -40,7 +40,7 @@ void choose_fit_points(const WeightedSample& sample, const Eigen::MatrixXd& part
   const Eigen::Index particles_kept = (particles.rows() + particles_stride - 1) / particles_stride;
   points.resize(kept + particles_kept, particles.cols());
   weights.resize(points.rows());
-  const double largest = 1 / std::sqrt(static_cast<double>(n));
+  const double largest = 1 / std::sqrt(n);
   for (Eigen::Index i = 0; i < kept; ++i) {
     points.row(i) = sample.points.row(i * stride);
     weights[i] = std::min(largest, sample.weights[i * stride]);
@@ -48,7 +48,7 @@ void choose_fit_points(const WeightedSample& sample, const Eigen::MatrixXd& part
   for (Eigen::Index i = 0; i < particles_kept; ++i)
     points.row(kept + i) = particles.row(i * particles_stride);
   weights.head(kept) *= (1 - k_particles_share) / weights.head(kept).sum();
-  weights.tail(particles_kept).setConstant(k_particles_share / static_cast<double>(particles_kept));
+  weights.tail(particles_kept).setConstant(k_particles_share / particles_kept);
 }
 
 /// Draws from the mixture, weighted by the target; both are asked for few at a time, in the fastest memory.
@@ -70,7 +70,7 @@ void draw(CheckedDensity& target, const MixtureProduct& mixture, Eigen::Index n,
   sample.weights = (sample.weights.array() - largest).exp().matrix();
   const double sum = sample.weights.sum();
   sample.weights /= sum;
-  sample.state_evidence(largest + std::log(sum / static_cast<double>(n)));
+  sample.state_evidence(largest + std::log(sum / n));
 }
 
 /// The share of the particles, beyond that of the weighted draws, at places where the mixture has far too
@@ -82,10 +82,9 @@ double missed_share(const MixtureProduct& mixture, const TemperedParticles& part
   const double threshold = std::log(k_too_thin) + sample.log_evidence;
   const auto thin =
       static_cast<double>(((particles.log_target() - log_proposal).array() > threshold).count());
-  const double of_draws = (sample.weights.array() > k_too_thin / static_cast<double>(sample.weights.size()))
-                              .select(sample.weights, 0)
-                              .sum();
-  return thin / static_cast<double>(particles.points().rows()) - of_draws;
+  const double of_draws =
+      (sample.weights.array() > k_too_thin / sample.weights.size()).select(sample.weights, 0).sum();
+  return thin / (particles.points().rows()) - of_draws;
 }
 
 /// The draws of several rounds. Each round's are weighted among themselves, and the rounds by how many draws
@@ -116,8 +115,7 @@ class Pool {
         std::hypot((1 - share) * r.sample.log_evidence_error, share * round.log_evidence_error);
     r.sample.has_evidence = true;
     r.state_errors(variables_);
-    r.converged =
-        r.converged && r.sample.effective_size >= k_min_share * static_cast<double>(r.sample.weights.size());
+    r.converged = r.converged && r.sample.effective_size >= k_min_share * r.sample.weights.size();
   }
 
  private:

@@ -24,8 +24,8 @@ struct Gaussian {
   [[nodiscard]] Eigen::VectorXd log_density(const Eigen::MatrixXd& z) const {
     const Eigen::MatrixXd u =
         lower.triangularView<Eigen::Lower>().solve((z.rowwise() - mean.transpose()).transpose());
-    const double constant = lower.diagonal().array().log().sum() +
-                            0.5 * static_cast<double>(mean.size()) * std::log(2 * std::numbers::pi);
+    const double constant =
+        lower.diagonal().array().log().sum() + 0.5 * mean.size() * std::log(2 * std::numbers::pi);
     return -0.5 * u.colwise().squaredNorm().transpose().array() - constant;
   }
 };
@@ -69,7 +69,7 @@ BridgeEstimate bridge_sampling(LogDensity& user_target, const Eigen::Ref<const E
   // Fixed point of r = E_g[l / (s₁ l + s₂ r)] / E_π[1 / (s₁ l + s₂ r)], l = π̄/g e^−centre, r = evidence
   // e^−centre.
   const double centre = numerics::upper_median(at_draws);
-  const double n1 = std::max(1.0, 0.5 * effective_size), n2 = static_cast<double>(proposals);
+  const double n1 = std::max(1.0, 0.5 * effective_size), n2 = proposals;
   const double s1 = n1 / (n1 + n2), s2 = n2 / (n1 + n2);
   const Eigen::ArrayXd l1 = (at_draws - centre).min(600.0).exp(),
                        l2 = (at_proposals - centre).min(600.0).exp();

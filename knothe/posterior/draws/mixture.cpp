@@ -49,8 +49,8 @@ Mixture::Mixture(std::vector<MixtureComponent> components, double tails)
   for (std::size_t k = 0; k < components_.size(); ++k) {
     MixtureComponent& c = components_[k];
     c.weight /= total;
-    log_factor_[static_cast<Eigen::Index>(k)] = std::log(c.weight) - c.lower.diagonal().array().log().sum() +
-                                                log_normalisation(tails_, static_cast<double>(d));
+    log_factor_[static_cast<Eigen::Index>(k)] =
+        std::log(c.weight) - c.lower.diagonal().array().log().sum() + log_normalisation(tails_, d);
     inverse_.emplace_back(Eigen::MatrixXd::Identity(d, d));
     c.lower.triangularView<Eigen::Lower>().solveInPlace(inverse_.back());
     whitened_.emplace_back(inverse_.back() * c.centre);
@@ -73,7 +73,7 @@ void Mixture::sample(Eigen::Index n, RandomNumbers& random, Eigen::MatrixXd& poi
     const MixtureComponent& c = components_[k];
     cumulative += c.weight;
     const bool last = k + 1 == components_.size();
-    for (; i < n && (last || static_cast<double>(i) + offset < cumulative * static_cast<double>(n)); ++i) {
+    for (; i < n && (last || i + offset < cumulative * n); ++i) {
       for (double& normal : normals) normal = random.normal();
       points.row(i) = (c.centre + stretch(random) * (c.lower * normals)).transpose();
     }
@@ -108,7 +108,7 @@ void Mixture::log_densities(const Eigen::Ref<const Eigen::MatrixXd>& points, Eig
       if (is_gaussian())
         sum = log_factor_[k] - 0.5 * sum;
       else
-        sum = log_factor_[k] - 0.5 * (tails_ + static_cast<double>(d)) * (1 + sum / tails_).log();
+        sum = log_factor_[k] - 0.5 * (tails_ + d) * (1 + sum / tails_).log();
     }
   }
 }

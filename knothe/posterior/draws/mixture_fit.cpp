@@ -57,7 +57,7 @@ class Fit {
   /// Bayes' information criterion as a log-likelihood: the larger the better.
   [[nodiscard]] double criterion(const Components& components, double log_likelihood) const {
     const auto d = static_cast<double>(d_);
-    const double parameters = static_cast<double>(components.size()) * (1 + d + 0.5 * d * (d + 1));
+    const double parameters = components.size() * (1 + d + 0.5 * d * (d + 1));
     return size_ * log_likelihood - 0.5 * std::log(size_) * parameters;
   }
 
@@ -86,8 +86,7 @@ class Fit {
   /// The Gaussian of points with these weights.
   void add(const Eigen::Ref<const Eigen::ArrayXd>& share, Components& components) {
     const double weight = share.sum();
-    if (!(weight > k_min_weight) || weight * weight < static_cast<double>(d_ + 2) * share.square().sum())
-      return;
+    if (!(weight > k_min_weight) || weight * weight < (d_ + 2) * share.square().sum()) return;
     MixtureComponent c;
     c.weight = weight;
     c.centre.resize(d_);

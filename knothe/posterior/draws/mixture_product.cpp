@@ -18,7 +18,7 @@ std::vector<int> quarters(const Eigen::VectorXd& values) {
     return values[static_cast<Eigen::Index>(a)] < values[static_cast<Eigen::Index>(b)];
   });
   std::vector<int> quarter(n);
-  for (std::size_t rank = 0; rank < n; ++rank) quarter[order[rank]] = static_cast<int>(4 * rank / n);
+  for (std::size_t rank = 0; rank < n; ++rank) quarter[order[rank]] = 4 * rank / n;
   return quarter;
 }
 
@@ -29,7 +29,7 @@ double mean_square_contingency(const std::vector<int>& a, const std::vector<int>
   const double expected = static_cast<double>(a.size()) / 16;
   double sum = 0;
   for (const double count : counts) sum += (count - expected) * (count - expected);
-  return sum / (expected * static_cast<double>(a.size()));
+  return sum / (expected * a.size());
 }
 
 }  // namespace
@@ -76,8 +76,7 @@ void MixtureProduct::log_density(const Eigen::Ref<const Eigen::MatrixXd>& points
 Eigen::MatrixXd columns_of(const Eigen::Ref<const Eigen::MatrixXd>& points,
                            const std::vector<Eigen::Index>& columns) {
   Eigen::MatrixXd some(points.rows(), std::ssize(columns));
-  for (std::size_t k = 0; k < columns.size(); ++k)
-    some.col(static_cast<Eigen::Index>(k)) = points.col(columns[k]);
+  for (std::size_t k = 0; k < columns.size(); ++k) some.col(k) = points.col(columns[k]);
   return some;
 }
 

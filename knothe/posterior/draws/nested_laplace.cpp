@@ -137,7 +137,7 @@ class MarginalDensity final : public LogDensity {
       std::vector<Index> still;
       for (std::size_t row = 0; row < active.size(); ++row) {
         const auto i = static_cast<std::size_t>(active[row]);
-        if (!advance(static_cast<Index>(row), ascents[i], found[i], k_settled)) continue;
+        if (!advance(row, ascents[i], found[i], k_settled)) continue;
         points(active[row], rest_) = ascents[i].next.transpose();
         still.push_back(active[row]);
       }
@@ -178,7 +178,7 @@ class MarginalDensity final : public LogDensity {
     found.centre = ascent.next;
     found.factor = factor.matrixL();
     found.log_marginal = value + gain - found.factor.diagonal().array().log().sum() +
-                         0.5 * static_cast<double>(rest_.size()) * std::log(2 * std::numbers::pi);
+                         0.5 * rest_.size() * std::log(2 * std::numbers::pi);
     return false;
   }
 
@@ -208,7 +208,7 @@ Eigen::VectorXd draw_others(CheckedDensity& target, MarginalDensity& marginal, c
     points(i, marginal.rest()) =
         (c.centre + c.factor.transpose().triangularView<Eigen::Upper>().solve(xi)).transpose();
     const double log_drawn = c.factor.diagonal().array().log().sum() - 0.5 * xi.squaredNorm() -
-                             0.5 * static_cast<double>(q) * std::log(2 * std::numbers::pi);
+                             0.5 * q * std::log(2 * std::numbers::pi);
     log_weight[i] = -c.log_marginal - log_drawn;
   }
   LogDensityBatch batch;
@@ -245,8 +245,7 @@ NestedLaplaceResult nested_laplace(LogDensity& user_target, const NestedLaplaceO
     log_weight.segment(begin, count) =
         draw_others(target, marginal, first.sample.points.middleRows(begin, count), random, of_block);
     points.middleRows(begin, count) = of_block;
-    if (options.progress &&
-        !options.progress(0.8 + 0.2 * static_cast<double>(begin) / static_cast<double>(n)))
+    if (options.progress && !options.progress(0.8 + 0.2 * begin / n))
       throw Interrupted(fmt::format("nested Laplace: interrupted after {} draws", begin));
   }
   log_weight.array() += first.sample.weights.array().max(1e-300).log();

@@ -13,7 +13,7 @@ PolarScan::PolarScan(CheckedDensity& target, const Eigen::VectorXd& centre, cons
   assert(d >= 1 && d <= k_max_dimension);
   rings_ = 1 + static_cast<Eigen::Index>(std::ceil(std::log(last / first) / spacing));
   directions_ = d == 1 ? 2 : static_cast<Eigen::Index>(std::ceil(2 * std::numbers::pi / spacing));
-  const double turn = 2 * std::numbers::pi / static_cast<double>(directions_);
+  const double turn = 2 * std::numbers::pi / directions_;
   const Eigen::Index n = 1 + rings_ * directions_;
   Eigen::MatrixXd unit(2 * directions_, d);  // the directions of even rings, then those of odd ones
   for (Eigen::Index j = 0; j < directions_; ++j) {
@@ -22,7 +22,7 @@ PolarScan::PolarScan(CheckedDensity& target, const Eigen::VectorXd& centre, cons
       continue;
     }
     for (const Eigen::Index odd : {0, 1}) {
-      const double angle = turn * (static_cast<double>(j) + 0.5 * static_cast<double>(odd));
+      const double angle = turn * (j + 0.5 * odd);
       unit(odd * directions_ + j, 0) = std::cos(angle), unit(odd * directions_ + j, 1) = std::sin(angle);
     }
   }
@@ -32,17 +32,15 @@ PolarScan::PolarScan(CheckedDensity& target, const Eigen::VectorXd& centre, cons
   const double log_determinant = lower.diagonal().array().log().sum();
   const double log_innermost = std::log(first) - 0.5 * spacing;
   log_mass_.resize(n);
-  log_mass_[0] = log_determinant + (d == 1 ? std::log(2.0) : std::log(std::numbers::pi)) +
-                 static_cast<double>(d) * log_innermost;
+  log_mass_[0] = log_determinant + (d == 1 ? std::log(2.0) : std::log(std::numbers::pi)) + d * log_innermost;
   for (Eigen::Index i = 0; i < rings_; ++i) {
-    const double log_radius = std::log(first) + spacing * static_cast<double>(i);
+    const double log_radius = std::log(first) + spacing * i;
     const Eigen::Index at = 1 + i * directions_;
     points_.middleRows(at, directions_) =
         (std::exp(log_radius) * unit.middleRows((i % 2) * directions_, directions_)).rowwise() +
         centre.transpose();
     log_mass_.segment(at, directions_)
-        .setConstant(log_determinant + std::log(spacing) + static_cast<double>(d) * log_radius +
-                     (d == 1 ? 0 : std::log(turn)));
+        .setConstant(log_determinant + std::log(spacing) + d * log_radius + (d == 1 ? 0 : std::log(turn)));
   }
   LogDensityBatch batch;
   target.evaluate(points_, 0, batch);
@@ -87,7 +85,7 @@ std::vector<Eigen::Index> PolarScan::sample(Eigen::Index count) const {
   std::vector<Eigen::Index> chosen;
   double cumulative = 0.5;
   for (Eigen::Index i = 0; i < mass.size(); ++i) {
-    cumulative += static_cast<double>(count) * mass[i];
+    cumulative += count * mass[i];
     for (; cumulative >= 1 && std::ssize(chosen) < count; cumulative -= 1) chosen.push_back(i);
   }
   return chosen;

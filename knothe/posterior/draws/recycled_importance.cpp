@@ -53,7 +53,7 @@ class Draws {
   explicit Draws(Eigen::Index d) : points_(0, d), reference_(Mixture::standard_normal(d)) {}
 
   void add(CheckedDensity& target, MixtureProduct proposal, Eigen::Index n, RandomNumbers& random) {
-    const double log_n = std::log(static_cast<double>(n));
+    const double log_n = std::log(n);
     proposal.log_density(points_, part_);
     for (Eigen::Index i = 0; i < size(); ++i) log_drawn_[i] = log_sum(log_drawn_[i], log_n + part_[i]);
     proposals_.push_back({std::move(proposal), log_n});
@@ -111,7 +111,7 @@ class Draws {
                                   std::uint64_t seed) const {
     WeightedPoints some{points_, weigh(beta).values.cwiseProduct(factor)};
     some.weights /= some.weights.sum();
-    some.weights = some.weights.cwiseMin(1 / std::sqrt(static_cast<double>(size())));
+    some.weights = some.weights.cwiseMin(1 / std::sqrt(size()));
     some.weights /= some.weights.sum();
     thin(some.points, some.weights, count, seed);
     some.weights /= some.weights.sum();
@@ -150,7 +150,7 @@ Eigen::VectorXd emphasis(const Eigen::MatrixXd& variables, const Eigen::VectorXd
   for (Eigen::Index k = 0; k < variables.cols(); ++k) {
     const Eigen::ArrayXd squares = (variables.col(k).array() - variables.col(k).dot(weights)).square();
     const double variance = squares.matrix().dot(weights);
-    if (variance > 0) factor.array() += squares / (variance * static_cast<double>(variables.cols()));
+    if (variance > 0) factor.array() += squares / (variance * variables.cols());
   }
   return factor;
 }
@@ -186,13 +186,13 @@ RecycledImportanceResult recycled_importance(LogDensity& user_target,
                                              const RecycledImportanceOptions& options) {
   CheckedDensity target(user_target);
   const Eigen::Index d = target.dimension();
-  const double enough = std::max(150.0, 20.0 * static_cast<double>(d));
+  const double enough = std::max(150.0, 20.0 * d);
   RandomNumbers random(options.seed);
   Draws draws(d);
   const auto spent = [&] { return options.spent ? options.spent() : target.evaluations(); };
   const auto affordable = [&] { return spent() + options.draws <= options.max_evaluations; };
   const auto report = [&] {
-    const double share = static_cast<double>(spent()) / static_cast<double>(options.max_evaluations);
+    const double share = spent() / static_cast<double>(options.max_evaluations);
     if (options.progress && !options.progress(std::min(1.0, share)))
       throw Interrupted(fmt::format("smc: interrupted after {} draws", draws.size()));
   };

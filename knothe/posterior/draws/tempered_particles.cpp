@@ -65,7 +65,7 @@ void TemperedParticles::run() {
   ancestor_.resize(n_);
   changes_.resize(d_);
   std::iota(ancestor_.begin(), ancestor_.end(), Eigen::Index{0});
-  log_scale_ = std::log(2.38 / std::sqrt(2.0 * static_cast<double>(d_)));
+  log_scale_ = std::log(2.38 / std::sqrt(2.0 * d_));
   temperatures_.assign(1, 0.0);
   log_evidence_ = 0;
   while (beta_ < 1) {
@@ -99,7 +99,7 @@ void TemperedParticles::reweigh_and_resample(double next) {
   for (Eigen::Index i = 0; i < n_; ++i)
     weights[i] = increments_[i] == -k_infinity ? 0 : std::exp(step * (increments_[i] - top));
   const double sum = weights.sum();
-  log_evidence_ += step * top + std::log(sum / static_cast<double>(n_));
+  log_evidence_ += step * top + std::log(sum / n_);
   weights /= sum;
   step_variances_ += std::max(0.0, weights.squaredNorm() - 1 / static_cast<double>(n_));
   beta_ = next;
@@ -109,7 +109,7 @@ void TemperedParticles::reweigh_and_resample(double next) {
   const Eigen::MatrixXd old_points = points_;
   const Eigen::VectorXd old_target = log_target_, old_reference = log_reference_;
   const std::vector<Eigen::Index> old_ancestor = ancestor_;
-  double position = random_.uniform() / static_cast<double>(n_), cumulative = weights[0];
+  double position = random_.uniform() / n_, cumulative = weights[0];
   // Which half a copy goes to must not depend on its place in the sum: even and odd copies.
   Eigen::Index source = 0;
   for (Eigen::Index r = 0; r < n_; ++r) {
@@ -132,8 +132,7 @@ void TemperedParticles::estimate_error(const Eigen::VectorXd& weights) {
   // That is for independent resampling; systematic resampling scatters less, so that the estimate may even be
   // negative. Then what the weights of each temperature say, as if the moves made all particles independent,
   // is larger.
-  const double n = static_cast<double>(n_),
-               exponent = static_cast<double>(temperatures_.size()) * std::log(n / (n - 1));
+  const double n = n_, exponent = temperatures_.size() * std::log(n / (n - 1));
   const double genealogical = 1 - std::exp(exponent) * (1 - family.squaredNorm());
   log_evidence_error_ = std::sqrt(std::max(genealogical, step_variances_));
 }
@@ -141,7 +140,7 @@ void TemperedParticles::estimate_error(const Eigen::VectorXd& weights) {
 double TemperedParticles::mean_squared_jump() const {
   Eigen::MatrixXd jump = (points_ - before_).transpose();
   whitener_.triangularView<Eigen::Lower>().solveInPlace(jump);
-  return jump.squaredNorm() / static_cast<double>(n_);
+  return jump.squaredNorm() / n_;
 }
 
 /// Which coordinates a proposal changes: all, or each with probability ½ or 1/d, but at least one (Vrugt et
@@ -165,8 +164,8 @@ void TemperedParticles::propose(Eigen::Index begin, Eigen::Index partners, bool 
     if (b >= a) ++b;
     const auto count = static_cast<double>(choose_coordinates(probability));
     // A little noise beside: else particles that resampling has made equal would never part.
-    const double length = (full ? 1 : std::exp(log_scale_) * std::sqrt(static_cast<double>(d_) / count)) *
-                          (1 + 0.4 * (random_.uniform() - 0.5));
+    const double length =
+        (full ? 1 : std::exp(log_scale_) * std::sqrt(d_ / count)) * (1 + 0.4 * (random_.uniform() - 0.5));
     for (Eigen::Index k = 0; k < d_; ++k) {
       proposal_(i, k) = points_(begin + i, k);
       if (changes_[k])
@@ -187,7 +186,7 @@ double TemperedParticles::move_half(Eigen::Index begin, Eigen::Index partners) {
   for (Eigen::Index i = 0; i < half; ++i) {
     const double log_ratio = beta_ * (batch_.value[i] - log_target_[begin + i]) +
                              (1 - beta_) * (proposal_reference_[i] - log_reference_[begin + i]);
-    acceptance += std::exp(std::min(0.0, log_ratio)) / static_cast<double>(half);
+    acceptance += std::exp(std::min(0.0, log_ratio)) / half;
     if (std::log(random_.uniform()) >= log_ratio) continue;
     points_.row(begin + i) = proposal_.row(i);
     log_target_[begin + i] = batch_.value[i];
@@ -219,7 +218,7 @@ void TemperedParticles::move() {
       return;
     acceptance_ = 0.5 * (move_half(0, n_ / 2) + move_half(n_ / 2, 0));
     jumps.push_back(mean_squared_jump());
-    if (jumps.back() >= k_far_enough * 2 * static_cast<double>(d_)) return;
+    if (jumps.back() >= k_far_enough * 2 * d_) return;
     if (m >= 2 * k_look_back && jumps.back() < k_no_farther * jumps[jumps.size() - 1 - k_look_back]) return;
   }
 }
@@ -232,7 +231,7 @@ double TemperedParticles::effective_size() const {
   const Eigen::RowVectorXd mean = points_.colwise().mean();
   Eigen::MatrixXd family = Eigen::MatrixXd::Zero(n_, d_);
   for (Eigen::Index i = 0; i < n_; ++i) family.row(ancestor_[i]) += points_.row(i) - mean;
-  const double n = static_cast<double>(n_);
+  const double n = n_;
   double least = n;
   for (Eigen::Index k = 0; k < d_; ++k) {
     const double variance = (points_.col(k).array() - mean[k]).square().mean();

@@ -17,7 +17,7 @@
 
 namespace {
 
-using namespace knothe::transport;
+using namespace knothe::posterior;
 
 std::string processor() {
   std::ifstream file("/proc/cpuinfo");

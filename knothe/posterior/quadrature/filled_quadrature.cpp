@@ -162,12 +162,11 @@ class Fill {
         planes_(grid.nodes[0]),
         lines_(grid.nodes[1]),
         segments_((grid.nodes[2] + length_ - 1) / length_) {
-    if (static_cast<double>(planes_) * static_cast<double>(lines_) * static_cast<double>(segments_) >
-        static_cast<double>(k_max_places)) {
+    if (planes_ * static_cast<double>(lines_) * segments_ > k_max_places) {
       too_many_ = true;
       return;
     }
-    seen_.assign(static_cast<std::size_t>(planes_ * lines_ * segments_), 0);
+    seen_.assign(planes_ * lines_ * segments_, 0);
     target_.set_grid(grid.axes());
   }
 
@@ -362,7 +361,7 @@ QuadraturePosterior integrate(const Grid& grid, const std::vector<GridRun>& runs
 /// point there is.
 void set_points(QuadraturePosterior& posterior, const Grid& grid, std::vector<GridRun> runs) {
   Eigen::VectorXd& weights = posterior.weights;
-  const double floor = 1e-6 / static_cast<double>(weights.size());
+  const double floor = 1e-6 / weights.size();
   std::vector<Index> kept;
   kept.reserve(weights.size());
   double sum = 0;

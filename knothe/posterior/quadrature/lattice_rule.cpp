@@ -31,7 +31,7 @@ void Marginals::add(const numerics::GridRun& run, const Eigen::VectorXd& weights
 }
 
 std::array<double, 2> Marginals::moments(Index k) const {
-  const Eigen::ArrayXd at = Eigen::ArrayXd::LinSpaced(mass.rows(), 0, static_cast<double>(mass.rows() - 1));
+  const Eigen::ArrayXd at = Eigen::ArrayXd::LinSpaced(mass.rows(), 0, mass.rows() - 1);
   const double mean = (mass.col(k).array() * at).sum() / sum;
   return {mean, std::sqrt((mass.col(k).array() * (at - mean).square()).sum() / sum)};
 }

@@ -19,9 +19,9 @@ class Bins {
   /// Nothing where the value is outside.
   void add(double value, double weight) {
     const double place = (value - from_) / spacing_;
-    if (!(place >= 0) || place >= static_cast<double>(weights_.size() - 1)) return;
+    if (!(place >= 0) || place >= weights_.size() - 1) return;
     const auto bin = static_cast<std::size_t>(place);
-    const double share = place - static_cast<double>(bin);
+    const double share = place - bin;
     weights_[bin] += (1 - share) * weight;
     weights_[bin + 1] += share * weight;
   }
@@ -35,8 +35,7 @@ class Bins {
     const auto end = static_cast<std::size_t>(std::min(last, std::floor(place + reach)));
     double sum = 0;
     for (std::size_t bin = begin; bin <= end; ++bin)
-      if (weights_[bin] > 0)
-        sum += weights_[bin] * numerics::normal_pdf((static_cast<double>(bin) - place) * spacing_ / kernel);
+      if (weights_[bin] > 0) sum += weights_[bin] * numerics::normal_pdf((bin - place) * spacing_ / kernel);
     return sum / kernel;
   }
 

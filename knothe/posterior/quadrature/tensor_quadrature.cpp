@@ -108,7 +108,7 @@ struct Grid {
   [[nodiscard]] Index dimension() const { return first.size(); }
   [[nodiscard]] Index rows() const { return dimension() == 1 ? 1 : dimension() == 2 ? count : count * count; }
   [[nodiscard]] Index size() const { return rows() * count; }
-  [[nodiscard]] double node(Index i, Index k) const { return first[k] + static_cast<double>(i) * spacing[k]; }
+  [[nodiscard]] double node(Index i, Index k) const { return first[k] + i * spacing[k]; }
   /// The nodes of each axis, count × d.
   [[nodiscard]] Eigen::MatrixXd axes() const {
     Eigen::MatrixXd nodes(count, dimension());
@@ -197,7 +197,7 @@ struct Extent {
 bool has_room(const Eigen::VectorXd& first, const Eigen::VectorXd& last, Index count) {
   const Eigen::ArrayXd rounding =
       std::numeric_limits<double>::epsilon() * first.cwiseAbs().cwiseMax(last.cwiseAbs()).array();
-  return ((last - first).array() > 4.0 * k_max_refinement * static_cast<double>(count) * rounding).all();
+  return ((last - first).array() > 4.0 * k_max_refinement * count * rounding).all();
 }
 
 /// A coarse grid as large as the mass, and its values: grown where the mass comes up to a face, then zoomed
@@ -221,7 +221,7 @@ Grid find_window(GridDensity& target, Eigen::VectorXd& values) {
         to = count - 1 + count / 4, grown = true;
       first[k] = std::max(grid.node(from, k), -frame.limit);
       last[k] = std::min(grid.node(to, k), frame.limit);
-      shrink = std::min(shrink, static_cast<double>(to - from) / static_cast<double>(count - 1));
+      shrink = std::min(shrink, (to - from) / static_cast<double>(count - 1));
     }
     if (grown ? ++growths > k_max_growths : shrink > k_no_zoom || zooms++ == k_max_zooms) return grid;
     if (!grown && !has_room(first, last, count)) return grid;
@@ -295,7 +295,7 @@ QuadraturePosterior integrate(const Grid& grid, const std::vector<GridRun>& runs
   const double sum = all.sum;
   result.weights /= sum;
   result.log_evidence = top + std::log(sum) + grid.spacing.array().log().sum() + log_volume;
-  result.evidence_change = std::abs(std::log(half.sum * std::pow(2.0, static_cast<double>(d)) / sum));
+  result.evidence_change = std::abs(std::log(half.sum * std::pow(2.0, d) / sum));
   for (Index k = 0; k < d; ++k) {
     result.moment_change = std::max(result.moment_change, all.change_from(half, k));
     result.mass_at_border += (all.mass(0, k) + all.mass(grid.count - 1, k)) / sum;
@@ -313,7 +313,7 @@ Index stride_of_points(const Grid& grid, const std::vector<GridRun>& runs, const
   Index stride = 1;
   for (Index nodes = size_of(runs); nodes > k_enough_points; nodes >>= d, stride *= 2) {
     const Marginals coarser = marginals(grid, runs, weights, 2 * stride);
-    const double cell = std::pow(static_cast<double>(2 * stride), static_cast<double>(d));
+    const double cell = std::pow(2 * stride, d);
     bool same = std::abs(std::log(coarser.sum * cell)) < k_same;
     for (Index k = 0; k < d && same; ++k) same = all.change_from(coarser, k) < k_same;
     if (!same) break;
@@ -326,7 +326,7 @@ void set_points(QuadraturePosterior& posterior, const Frame& frame, const Grid& 
                 std::vector<GridRun> runs, Index stride) {
   const bool has_lattice = grid.dimension() == 2 && frame.axes.size() == 0;
   Eigen::VectorXd& weights = posterior.weights;
-  const double floor = 1e-6 / static_cast<double>(weights.size());
+  const double floor = 1e-6 / weights.size();
   std::vector<Index> kept;
   kept.reserve(weights.size());
   if (has_lattice) posterior.lattice.places.reserve(kept.capacity());
@@ -380,7 +380,7 @@ Eigen::MatrixXd quantiles(const QuadraturePosterior& posterior, const Frame& fra
 Eigen::MatrixXd QuadraturePosterior::Lattice::points_on(const Eigen::MatrixXd& nodes) const {
   Eigen::MatrixXd points(std::ssize(places), nodes.cols());
   for (std::size_t i = 0; i < places.size(); ++i)
-    for (Index k = 0; k < nodes.cols(); ++k) points(static_cast<Index>(i), k) = nodes(places[i][k], k);
+    for (Index k = 0; k < nodes.cols(); ++k) points(i, k) = nodes(places[i][k], k);
   return points;
 }
 
@@ -397,8 +397,7 @@ QuadraturePosterior tensor_quadrature(LogDensity& target, const QuadratureOption
         fmt::format("a grid takes 1 to 3 parameters, not {}: use \"transport\", \"mcmc\" or \"smc\"", d));
   GridDensity density(target, options, search);
   const Frame& frame = density.frame();
-  if (std::pow(static_cast<double>(frame.coarse_nodes), static_cast<double>(d)) >
-      2 * static_cast<double>(options.max_nodes)) {
+  if (std::pow(frame.coarse_nodes, d) > 2 * static_cast<double>(options.max_nodes)) {
     QuadraturePosterior unresolved;
     unresolved.evidence_change = std::numeric_limits<double>::infinity();
     return unresolved;

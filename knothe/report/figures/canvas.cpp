@@ -68,8 +68,7 @@ void Canvas::blend(int x, int y, Rgb colour, double opacity) {
   const std::size_t at =
       3 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) + static_cast<std::size_t>(x));
   for (std::size_t c = 0; c < 3; ++c)
-    pixels_[at + c] =
-        static_cast<std::uint8_t>(std::lround((1 - opacity) * pixels_[at + c] + opacity * colour[c]));
+    pixels_[at + c] = std::lround((1 - opacity) * pixels_[at + c] + opacity * colour[c]);
 }
 
 void Canvas::fill(int x, int y, int width, int height, Rgb colour) {

@@ -44,7 +44,7 @@ template <std::size_t n>
 std::string sample(const std::array<Colour, n>& table, double fraction) {
   const double at = std::clamp(fraction, 0.0, 1.0) * (n - 1);
   const auto lower = std::min(static_cast<std::size_t>(at), n - 2);
-  const double part = at - static_cast<double>(lower);
+  const double part = at - lower;
   const auto channel = [&](int c) {
     return static_cast<int>(std::lround((1 - part) * table[lower][c] + part * table[lower + 1][c]));
   };
@@ -97,7 +97,7 @@ Paint Paint::series(int index) {
 }
 
 Paint Paint::time(double fraction) {
-  const int level = static_cast<int>(std::lround(std::clamp(fraction, 0.0, 1.0) * (k_levels - 1)));
+  const int level = std::lround(std::clamp(fraction, 0.0, 1.0) * (k_levels - 1));
   return {fmt::format("kt{}", level), time_light(level)};
 }
 

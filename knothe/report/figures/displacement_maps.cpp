@@ -38,8 +38,7 @@ void set_range(Map& map) {
     if (std::isfinite(v)) seen.push_back(v);
   if (seen.empty()) return;
   const auto at = [&](double share) {
-    const auto place =
-        seen.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(seen.size() - 1));
+    const auto place = seen.begin() + static_cast<std::ptrdiff_t>(share * (seen.size() - 1));
     std::nth_element(seen.begin(), place, seen.end());
     return static_cast<double>(*place);
   };

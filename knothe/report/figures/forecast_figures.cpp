@@ -29,7 +29,7 @@ void limit_to_mass(const record::Results& results, const std::string& name, doub
 }
 
 std::string with_capital(std::string text) {
-  if (!text.empty() && text[0] >= 'a' && text[0] <= 'z') text[0] = static_cast<char>(text[0] - 'a' + 'A');
+  if (!text.empty() && text[0] >= 'a' && text[0] <= 'z') text[0] = text[0] - 'a' + 'A';
   std::replace(text.begin(), text.end(), '_', ' ');
   return text;
 }
@@ -66,8 +66,8 @@ Plot forecast_densities_plot(const record::Results& results, const std::string& 
       peaks.push_back(std::ranges::max(found->second.density.values) / scale.factor);
   const PlotAxis y = density_axis(scale.unit.empty() ? "" : "1/" + scale.unit, peaks);
   Plot plot(scale.title, x, y);
-  const double first = static_cast<double>(results.steps.front().step);
-  const double span = std::max(static_cast<double>(results.steps.back().step) - first, 1.0);
+  const double first = results.steps.front().step;
+  const double span = std::max((results.steps.back().step) - first, 1.0);
   for (std::size_t i = 0; i < results.steps.size(); ++i) {
     const auto found = results.steps[i].forecast.find(name);
     if (found == results.steps[i].forecast.end() || found->second.density.empty()) continue;
@@ -75,8 +75,8 @@ Plot forecast_densities_plot(const record::Results& results, const std::string& 
     const bool last = i + 1 == results.steps.size();
     plot.line(scaled(density.points, scale.factor),
               density_values(scaled(density.values, 1.0 / scale.factor), y),
-              Paint::time((static_cast<double>(results.steps[i].step) - first) / span),
-              last ? "last step" : "", {last ? 2.8 : 1.2, {}, 1.0});
+              Paint::time(((results.steps[i].step) - first) / span), last ? "last step" : "",
+              {last ? 2.8 : 1.2, {}, 1.0});
   }
   if (const auto f = results.forecasts.find(name); f != results.forecasts.end() && f->second.threshold)
     plot.vertical(scale.factor * *f->second.threshold, Paint::faint(), "threshold");

@@ -44,7 +44,7 @@ OuterFace outer_face(const model::Mesh& mesh) {
         const auto node = mesh.cells[8 * cell + static_cast<std::size_t>(corners[k])];
         if (node < 0 || static_cast<std::size_t>(node) >= mesh.point_count())
           throw DataError(fmt::format("mesh/cells[{},{}] = {}: no such point", cell, corners[k], node));
-        nodes[k] = static_cast<std::size_t>(node);
+        nodes[k] = node;
         outside = outside && mesh.points[3 * nodes[k] + 2] >= top - 1e-6 * extent;
       }
       if (!outside) continue;
@@ -71,7 +71,7 @@ std::vector<std::ptrdiff_t> dofs_of_face(const OuterFace& face, const model::Dof
   std::map<std::pair<long long, long long>, std::ptrdiff_t> index;
   for (std::size_t i = 0; i < dofs.components.size(); ++i)
     if (dofs.components[i] == component && dofs.points[3 * i + 2] >= top - 1e-7)
-      index[key(dofs.points[3 * i], dofs.points[3 * i + 1])] = static_cast<std::ptrdiff_t>(i);
+      index[key(dofs.points[3 * i], dofs.points[3 * i + 1])] = i;
   std::vector<std::ptrdiff_t> found;
   for (const auto& point : face.points) {
     const auto entry = index.find(key(point[0], point[1]));

@@ -119,7 +119,7 @@ Plot time_functions_plot(const model::SeparatedModel& model, std::span<const dou
     const double scale = (is_displacement ? 1e6 : 1) * largest_magnitude(space_mode(contents, k));
     std::vector<double> y;
     for (std::size_t t = 0; t < contents.time.size(); ++t) y.push_back(scale * amplitude(contents, k, t, w));
-    plot.line(contents.time, y, Paint::series(static_cast<int>(k)), fmt::format("mode {}", k + 1));
+    plot.line(contents.time, y, Paint::series(k), fmt::format("mode {}", k + 1));
   }
   return plot;
 }
@@ -142,7 +142,7 @@ Plot parameter_functions_plot(const model::SeparatedModel& model, std::size_t ax
           nodes, std::span<const double>(contents.parameters[axis]).subspan(k * nodes.size(), nodes.size()));
       std::vector<double> y;
       for (double at : x) y.push_back(spline.value(at));
-      plot.line(x, y, Paint::series(static_cast<int>(k)), fmt::format("mode {}", k + 1));
+      plot.line(x, y, Paint::series(k), fmt::format("mode {}", k + 1));
     }
     return plot;
   }
@@ -155,7 +155,7 @@ Plot parameter_functions_plot(const model::SeparatedModel& model, std::size_t ax
   functions.evaluate(points, 0, batch);
   for (std::size_t k = 0; k < shown; ++k) {
     const Eigen::VectorXd y = batch.value.col(k);
-    plot.line(x, std::span<const double>(y.data(), x.size()), Paint::series(static_cast<int>(k)),
+    plot.line(x, std::span<const double>(y.data(), x.size()), Paint::series(k),
               fmt::format("mode {}", k + 1));
   }
   return plot;

@@ -13,9 +13,8 @@ namespace knothe::report {
 namespace {
 
 double fraction(const record::Results& results, std::size_t i) {
-  const double first = static_cast<double>(results.steps.front().step),
-               last = static_cast<double>(results.steps.back().step);
-  return last > first ? (static_cast<double>(results.steps[i].step) - first) / (last - first) : 1.0;
+  const double first = results.steps.front().step, last = results.steps.back().step;
+  return last > first ? ((results.steps[i].step) - first) / (last - first) : 1.0;
 }
 
 ColourBar step_bar(const record::Results& results) {
@@ -43,7 +42,7 @@ std::size_t place_on_curve(const record::Results& results, std::size_t i) {
   if (after == time.begin()) return 0;
   const auto before = after - 1;
   const bool nearer = after == time.end() || results.steps[i].time - *before < *after - results.steps[i].time;
-  return static_cast<std::size_t>((nearer ? before : after) - time.begin());
+  return (nearer ? before : after) - time.begin();
 }
 
 /// Adds the steps that are not trusted, at their ordinate.
@@ -212,7 +211,7 @@ Plot load_plot(const record::Results& results) {
       if (at < displacement.size()) x.push_back(displacement[at]), y.push_back(force[at]);
     }
     if (!x.empty())
-      plot.scatter(x, y, Paint::series(static_cast<int>(d)),
+      plot.scatter(x, y, Paint::series(d),
                    pretty_name(results.parameters[d].name) + ": most informative steps",
                    d % 2 == 0 ? 5.5 : 3.5);
   }

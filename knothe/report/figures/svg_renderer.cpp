@@ -18,13 +18,13 @@ constexpr const char* k_subdued = R"(class="sub" fill="#5d6873")";
 
 /// Number of characters, not bytes.
 std::size_t characters(const std::string& text) {
-  return static_cast<std::size_t>(std::count_if(
-      text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xC0) != 0x80; }));
+  return std::count_if(text.begin(), text.end(),
+                       [](char c) { return (static_cast<unsigned char>(c) & 0xC0) != 0x80; });
 }
 
 /// Estimated width in px of a text of 12 px.
 double text_width(const std::string& text) {
-  return 6.6 * static_cast<double>(characters(text));
+  return 6.6 * characters(text);
 }
 
 std::string text_at(double x, double y, const std::string& text, const char* anchor, const char* look,

@@ -45,8 +45,8 @@ Figure field_figure(const project::SelectionSetup& setup, const assimilation::Se
   for (std::size_t k = 0; k < setup.model.dimension(); ++k) {
     for (int component = 0; component < 2; ++component) {
       const std::string name = setup.model.parameter_names()[k];
-      const auto values = field_on_face(setup.model, face, component, static_cast<Eigen::Index>(k),
-                                        setup.problem.at, study.prior_std[k]);
+      const auto values =
+          field_on_face(setup.model, face, component, k, setup.problem.at, study.prior_std[k]);
       Plot plot = mesh_plot(fmt::format("{}, {} displacement", name, k_letters[component]), face, values, {},
                             "root of the sum over time, µm per prior std");
       std::vector<double> x, y;

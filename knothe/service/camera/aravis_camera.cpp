@@ -151,8 +151,7 @@ files::Picture picture_of(ArvBuffer* buffer) {
   picture.height = arv_buffer_get_image_height(buffer);
   picture.bit_depth = deep ? 16 : 8;
   picture.maximum = deep ? 65535 : 255;
-  const auto width = static_cast<std::size_t>(picture.width),
-             height = static_cast<std::size_t>(picture.height);
+  const std::size_t width = picture.width, height = picture.height;
   gint padding = 0, below = 0;
   arv_buffer_get_image_padding(buffer, &padding, &below);
   const std::size_t bytes = deep ? 2 : 1;

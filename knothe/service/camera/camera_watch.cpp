@@ -101,7 +101,7 @@ void CameraWatch::receive() {
   const auto frame = source_->next(k_look_every);
   const auto incomplete = source_->incomplete();
   if (incomplete.count > 0) {
-    count("incomplete_frames", static_cast<double>(incomplete.count));
+    count("incomplete_frames", incomplete.count);
     incomplete_ = incomplete.reason;
     numbers_.skip(incomplete.count);
   }
@@ -132,7 +132,7 @@ std::optional<FrameNumbers::Numbered> CameraWatch::last_in_journal() const {
 std::optional<Intake::PictureStamp> CameraWatch::stamp_of(const FrameNumbers::Numbered& frame) {
   const std::int64_t index = frame.number - site_->project().serve.first_picture;
   if (index < 0 || site_->logbook().finished()) return std::nullopt;
-  if (static_cast<std::size_t>(index) < times().size())
+  if (index < std::ssize(times()))
     return Intake::PictureStamp{
         {k_camera_source, frame.session, frame.camera_us},
         times()[index],
@@ -181,7 +181,7 @@ void CameraWatch::report_gap(const FrameNumbers::Place& place, const FrameNumber
 
 /// They were lost on the way here, or there was no room for them.
 void CameraWatch::record_missing(const FrameNumbers::Place& place, const FrameNumbers::Numbered& before) {
-  count("lost_frames", static_cast<double>(place.absent));
+  count("lost_frames", place.absent);
   bool counts = false;
   for (std::int64_t i = 1; i <= place.absent && wait(0); ++i) {
     const auto stamp = stamp_of(FrameNumbers::absent(place, before, i));

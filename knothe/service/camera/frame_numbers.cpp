@@ -36,7 +36,7 @@ std::int64_t FrameNumbers::steps_since_last(const FrameStamp& stamp, Place& plac
   if (period_us_) {
     place.by = same_clock ? By::camera_clock : By::host_clock;
     const std::int64_t us = same_clock ? stamp.camera_us - last_->camera_us : stamp.host_us - last_->host_us;
-    const std::int64_t steps = std::llround(static_cast<double>(us) / *period_us_);
+    const std::int64_t steps = std::llround(us / *period_us_);
     return same_clock ? steps : std::max<std::int64_t>(steps, 1);
   }
   place.by = same_clock ? By::order : By::host_clock;

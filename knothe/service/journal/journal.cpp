@@ -517,9 +517,7 @@ std::vector<std::int64_t> Journal::largest_seqs(const std::string& source, const
                                "WHERE m.source = ? AND m.session = ? AND w.id IS NULL ORDER BY m.seq DESC "
                                "LIMIT ?")
                     .c_str());
-  row.bind(1, std::string_view(source))
-      .bind(2, std::string_view(session))
-      .bind(3, static_cast<std::int64_t>(most));
+  row.bind(1, std::string_view(source)).bind(2, std::string_view(session)).bind(3, std::int64_t(most));
   std::vector<std::int64_t> seqs;
   while (row.step()) seqs.push_back(row.integer(3));
   return seqs;

@@ -80,8 +80,7 @@ void write_mark(const std::string& mark_path, const Acknowledged& a, std::string
   const int descriptor =
       ::open(mark_path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NONBLOCK | O_NOFOLLOW, 0644);
   if (descriptor < 0) return;
-  [[maybe_unused]] const auto written =
-      ::pwrite(descriptor, text.data(), static_cast<std::size_t>(end - text.data()), 0);
+  [[maybe_unused]] const auto written = ::pwrite(descriptor, text.data(), end - text.data(), 0);
   ::close(descriptor);
 }
 

@@ -22,7 +22,7 @@ std::int64_t max_records(const std::string& journal) {
     const std::uintmax_t size = std::filesystem::file_size(journal + part, failure);
     if (!failure) bytes += size;
   }
-  return static_cast<std::int64_t>(bytes / sizeof(Digest));
+  return bytes / sizeof(Digest);
 }
 
 /// With what became of it: its key may come again later.

@@ -34,8 +34,7 @@ void SensorSwitches::add(const LogbookEntry& entry) {
 
 std::size_t SensorSwitches::first_step(double time) const {
   if (const auto exact = likelihood::matching_time(time, model_times_)) return *exact;
-  return static_cast<std::size_t>(std::lower_bound(model_times_.begin(), model_times_.end(), time) -
-                                  model_times_.begin());
+  return std::lower_bound(model_times_.begin(), model_times_.end(), time) - model_times_.begin();
 }
 
 bool SensorSwitches::is_off(std::int64_t sensor, std::size_t step) const {
@@ -54,8 +53,8 @@ std::vector<std::int64_t> SensorSwitches::off_at(std::size_t step) const {
 }
 
 Measurement SensorSwitches::seen(Measurement datum) const {
-  for (const std::int64_t sensor : off_at(static_cast<std::size_t>(std::max<std::int64_t>(datum.step, 0))))
-    if (static_cast<std::size_t>(sensor) < datum.status.size()) datum.status[sensor] = 1;
+  for (const std::int64_t sensor : off_at(std::max<std::int64_t>(datum.step, 0)))
+    if (sensor < std::ssize(datum.status)) datum.status[sensor] = 1;
   return datum;
 }
 

@@ -131,7 +131,7 @@ likelihood::Datum Measurement::datum() const {
 }
 
 std::string Measurement::payload() const {
-  const auto n = static_cast<std::uint64_t>(values.size());
+  const auto n = values.size();
   std::string bytes(sizeof n + 9 * values.size(), '\0');
   std::memcpy(bytes.data(), &n, sizeof n);
   for (std::size_t i = 0; i < values.size(); ++i) {

@@ -38,8 +38,7 @@ std::vector<Number> read(std::string_view& bytes, std::uint64_t count) {
 
 std::string noise_bytes(const likelihood::GaussianNoise& noise) {
   const Eigen::SparseMatrix<double> precision = noise.precision();
-  const std::uint64_t n = static_cast<std::uint64_t>(precision.rows()),
-                      count = static_cast<std::uint64_t>(precision.nonZeros());
+  const std::uint64_t n = precision.rows(), count = precision.nonZeros();
   const std::uint64_t head[] = {n, count};
   std::string plain;
   append(plain, head, 2);
@@ -85,8 +84,8 @@ likelihood::GaussianNoise noise_of_bytes(std::string_view bytes) {
         damaged();
   }
   const auto rows = static_cast<Eigen::Index>(n);
-  const Eigen::Map<const Eigen::SparseMatrix<double>> precision(rows, rows, static_cast<Eigen::Index>(count),
-                                                                outer.data(), inner.data(), values.data());
+  const Eigen::Map<const Eigen::SparseMatrix<double>> precision(rows, rows, count, outer.data(), inner.data(),
+                                                                values.data());
   return likelihood::GaussianNoise::correlated(precision);
 }
 

@@ -16,7 +16,7 @@ void match_step(JournalEntry& entry, std::span<const double> model_times, const 
                     "does not have: it was recorded with a model of other time steps. Put that model back, "
                     "or begin another journal ([serve] journal)",
                     journal, entry.id, datum.key.source, datum.key.session, datum.key.seq, datum.time));
-  datum.step = static_cast<std::int64_t>(*step);
+  datum.step = *step;
 }
 
 }  // namespace knothe::service

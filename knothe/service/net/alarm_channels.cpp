@@ -77,8 +77,8 @@ class MqttTopic final : public AlarmChannel {
     auto& topic = *static_cast<MqttTopic*>(self);
     if (code != 0) topic.refused_ = mosquitto_connack_string(code);
     if (code != 0) return;
-    const int failed = mosquitto_publish(client, nullptr, topic.topic_.c_str(),
-                                         static_cast<int>(topic.text_.size()), topic.text_.data(), 1, false);
+    const int failed = mosquitto_publish(client, nullptr, topic.topic_.c_str(), topic.text_.size(),
+                                         topic.text_.data(), 1, false);
     if (failed != MOSQ_ERR_SUCCESS) topic.refused_ = mosquitto_strerror(failed);
   }
 

@@ -91,8 +91,8 @@ struct HttpServer::Implementation : std::enable_shared_from_this<Implementation>
   template <class Work>
   void survive(Work work);
   void gauges(std::size_t streams) {
-    metrics.set("knothe_connections", "", static_cast<double>(sessions.size()));
-    metrics.set("knothe_event_streams", "", static_cast<double>(streams));
+    metrics.set("knothe_connections", "", sessions.size());
+    metrics.set("knothe_event_streams", "", streams);
   }
 };
 
@@ -164,7 +164,7 @@ Session::~Session() {
 void Session::read_head() {
   if (server_->stopping) return;
   parser_.emplace();
-  parser_->header_limit(static_cast<std::uint32_t>(server_->options.max_header));
+  parser_->header_limit(server_->options.max_header);
   parser_->body_limit(server_->options.max_body);
   // A new connection has as long for its head as for a body; later ones may stay idle between requests. Drops
   // of bytes do not prolong it.
@@ -481,8 +481,7 @@ void HttpServer::Implementation::make_room_for_answer(const Session& its) {
 }
 
 std::size_t HttpServer::Implementation::stream_count() const {
-  return static_cast<std::size_t>(
-      std::count_if(sessions.begin(), sessions.end(), [](const Session* s) { return s->streams(); }));
+  return std::count_if(sessions.begin(), sessions.end(), [](const Session* s) { return s->streams(); });
 }
 
 template <class Work>

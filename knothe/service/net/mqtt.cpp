@@ -48,8 +48,7 @@ struct MqttReceiver::Implementation {
             413, "TooLarge",
             fmt::format("the message has {} bytes; at most {} are taken", message.payloadlen, max_body));
       const std::string_view topic = message.topic;
-      const std::string_view payload(static_cast<const char*>(message.payload),
-                                     static_cast<std::size_t>(message.payloadlen));
+      const std::string_view payload(static_cast<const char*>(message.payload), message.payloadlen);
       if (topic.ends_with("/withdraw")) {
         const SiteKey datum = parse_mqtt_key(topic, payload);
         return answer(datum.key.seq, store([&](auto done) {
@@ -199,7 +198,7 @@ struct MqttReceiver::Implementation {
       std::string topic = message->topic;
       topic.replace(topic.rfind('/') + 1, std::string::npos, "answer");
       const std::string text = files::json_line(*answer);
-      mosquitto_publish(client, nullptr, topic.c_str(), static_cast<int>(text.size()), text.data(), 0, false);
+      mosquitto_publish(client, nullptr, topic.c_str(), text.size(), text.data(), 0, false);
     } catch (const std::exception& error) {
       log_event("error", "a message could not be taken",
                 {{"topic", message->topic}, {"reason", error.what()}});

@@ -295,7 +295,7 @@ Json tests_of(const ServedSite& served) {
       const JournalGlance glance = glance_at_journal(path);
       test["records"] = glance.records;
       test["finished"] = glance.finished;
-      if (glance.begun_ms > 0) test["begun_at"] = 1e-3 * static_cast<double>(glance.begun_ms);
+      if (glance.begun_ms > 0) test["begun_at"] = 1e-3 * glance.begun_ms;
       if (glance.followed_by) test["followed_by"] = *glance.followed_by;
     } catch (const Error&) {  // its words would tell where it lies
       test["problem"] = "it cannot be read";

@@ -157,7 +157,7 @@ Json UmBridge::respond(const HttpRequest& request) {
   if (!input.is_array() || input.size() != 1) invalid_input("\"input\" must hold one vector");
   call.p = read_vector(input[0], d, "input[0]");
   if (const auto it = config.find("step"); it != config.end()) {
-    const std::int64_t last = static_cast<std::int64_t>(site.setup().problem.model->time.size()) - 1;
+    const std::int64_t last = std::ssize(site.setup().problem.model->time) - 1;
     if (!it->is_number_integer() || it->get<std::int64_t>() < 0 || it->get<std::int64_t>() > last)
       invalid_input(fmt::format("config.step must be a step of the model, 0 to {}", last));
     call.step = it->get<std::size_t>();

@@ -111,12 +111,11 @@ std::string AlarmSender::labels(const Route& route, const std::string& more) con
 }
 
 void AlarmSender::count(const Route& route, const char* outcome, std::size_t alarms) {
-  metrics_.count("knothe_alarms_sent_total", labels(route, fmt::format(",outcome=\"{}\"", outcome)),
-                 static_cast<double>(alarms));
+  metrics_.count("knothe_alarms_sent_total", labels(route, fmt::format(",outcome=\"{}\"", outcome)), alarms);
 }
 
 void AlarmSender::show_waiting(const Route& route) {
-  metrics_.set("knothe_alarms_unsent", labels(route), static_cast<double>(route.waiting.size()));
+  metrics_.set("knothe_alarms_unsent", labels(route), route.waiting.size());
 }
 
 }  // namespace knothe::service

@@ -93,7 +93,7 @@ std::pair<double, double> sync_times(const std::string& folder) {
 void report_disk(Report& report, const std::string& folder) {
   struct statvfs disk {};
   const bool known = ::statvfs(folder.c_str(), &disk) == 0;
-  const double room = known ? static_cast<double>(disk.f_bavail) * static_cast<double>(disk.f_frsize) : 0;
+  const double room = known ? disk.f_bavail * static_cast<double>(disk.f_frsize) : 0;
   report.line(room > 1e9, "disk", fmt::format("{:.1f} GB free in {}", room * 1e-9, folder),
               "a day of one picture every 5 s, 60 sensors, is 20 MB of journal");
   const auto [median, worst] = sync_times(folder);
@@ -152,7 +152,7 @@ std::string found_clock() {
     throw DataError(
         "the clock is not synchronised: alarms and times of arrival may be off (data are not: their time is "
         "model time); install systemd-timesyncd or chrony");
-  return fmt::format("synchronised, to {:.0f} ms at worst", 1e-3 * static_cast<double>(clock.maxerror));
+  return fmt::format("synchronised, to {:.0f} ms at worst", 1e-3 * clock.maxerror);
 }
 
 std::string found_camera(const project::CameraOptions& options) {
@@ -210,7 +210,7 @@ void report_service(Report& report, const std::string& path, bool sends_alarms) 
   report_found(report, "tokens", [&] { return found_tokens(*project); });
   const std::string where = fmt::format("{}:{}", project->serve.address, project->serve.port);
   report_found(report, "address", [&] {
-    try_to_listen(project->serve.address, static_cast<unsigned short>(project->serve.port));
+    try_to_listen(project->serve.address, project->serve.port);
     return where + " is free";
   });
   report_found(report, "clock", found_clock);
@@ -232,8 +232,7 @@ bool doctor(const std::string& folder, bool offline_installed, const std::string
   report.line(true, "processor",
               fmt::format("{}, {} cores, {} threads by default", processor(),
                           std::thread::hardware_concurrency(), default_threads()));
-  const double memory =
-      static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
+  const double memory = sysconf(_SC_PHYS_PAGES) * static_cast<double>(sysconf(_SC_PAGESIZE));
   report.line(memory > 5e8, "memory", fmt::format("{:.1f} GB", memory * 1e-9),
               "the online service takes some 100 MB");
   std::error_code error;

@@ -165,7 +165,7 @@ FolderWatch::Place FolderWatch::place_of(const std::string& name) const {
   const std::int64_t index = *number - site_->project().serve.first_picture;
   const std::vector<double>& given = site_->project().pictures.times;
   const std::vector<double>& times = given.empty() ? site_->setup().problem.model->time : given;
-  if (index < 0 || static_cast<std::size_t>(index) >= times.size())
+  if (index < 0 || index >= std::ssize(times))
     throw DataError(
         fmt::format("{}: picture number {} would have time number {} of {} (serve.first_picture is {})", name,
                     *number, index + 1, times.size(), site_->project().serve.first_picture));
@@ -238,8 +238,7 @@ FolderWatch::StoreOutcome FolderWatch::ingest_table(const std::string& name) {
       measurement.time = table.time[t];
       measurement.values.assign(sensors, std::numeric_limits<double>::quiet_NaN());
       for (std::size_t i = 0; i < place.size(); ++i)
-        measurement.values[place[i]] =
-            table.values(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(t));
+        measurement.values[place[i]] = table.values(i, static_cast<Eigen::Index>(t));
       for (std::size_t i = 0; i < scalars.size(); ++i)
         if (const auto it = table.series.find(scalars[i]); it != table.series.end())
           measurement.values[behind + i] = it->second.values[t];

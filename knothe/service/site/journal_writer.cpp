@@ -199,7 +199,7 @@ void JournalWriter::replay() {
       // Readers may still have the line that it once gave, if it was one of this model.
       const auto step = likelihood::matching_time(entry.measurement.time, setup_.problem.model->time);
       if (!step) return;
-      entry.measurement.step = static_cast<std::int64_t>(*step);
+      entry.measurement.step = *step;
       past.push_back({entry.measurement, start, Arrival::Kind::withdrawn});
       return;
     }
@@ -239,10 +239,9 @@ void JournalWriter::check_values(const Measurement& datum) const {
   for (Eigen::Index i = 0; i < n; ++i) {
     const double value = datum.values[i];
     if (std::abs(value) > k_largest_value * sensor_std_[i] || std::isinf(value))
-      throw RequestError(
-          400, "Malformed",
-          fmt::format("values[{}] = {} is no measurement: its noise is {} ({})", i, value, sensor_std_[i],
-                      units_of(setup_.measurements.sensors, static_cast<std::size_t>(i))));
+      throw RequestError(400, "Malformed",
+                         fmt::format("values[{}] = {} is no measurement: its noise is {} ({})", i, value,
+                                     sensor_std_[i], units_of(setup_.measurements.sensors, i)));
   }
 }
 
@@ -268,8 +267,7 @@ std::string JournalWriter::reason_of(Quarantine quarantined, const Measurement& 
 void JournalWriter::ingest(Measurement datum, std::function<void(Answer)> done) {
   check_values(datum);
   try {
-    datum.step = static_cast<std::int64_t>(
-        likelihood::match_times({&datum.time, 1}, setup_.problem.model->time, "the datum")[0]);
+    datum.step = likelihood::match_times({&datum.time, 1}, setup_.problem.model->time, "the datum")[0];
   } catch (const DataError& error) {
     throw RequestError(400, "UnknownTime", error.what());
   }
@@ -500,7 +498,7 @@ JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, Monoton
                         fmt::format("there is no datum of source \"{}\", session \"{}\", seq {}", key.source,
                                     key.session, key.seq));
   if (const auto step = likelihood::matching_time(entry->measurement.time, setup_.problem.model->time))
-    entry->measurement.step = static_cast<std::int64_t>(*step);
+    entry->measurement.step = *step;
   if (!entry->withdrawn) {
     if (entry->counts()) written.arrivals.push_back({entry->measurement, at, Arrival::Kind::withdrawn});
     written.no_longer_quarantined.push_back(*entry);
@@ -558,7 +556,7 @@ JournalWriter::Answer JournalWriter::write(Measurement& datum, MonotonicTime at,
   if (course_.end() && !journal_.holds(datum.key)) return refusal_after(*course_.end());
   const auto& largest = largest_seqs_[{datum.key.source, datum.key.session}];
   const bool late =
-      largest.size() > static_cast<std::size_t>(options_.window) && largest.back() > datum.key.seq;
+      std::ssize(largest) > options_.window && largest.back() > datum.key.seq;
   Measurement seen = switches_.seen(datum);
   Appended appended = journal_.append(datum, {late, !complaint(seen).empty()});
   appended.reason = reason_of(appended.quarantined, seen);

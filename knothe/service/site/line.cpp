@@ -15,10 +15,10 @@ constexpr Eigen::Index k_samples = 400;
 Eigen::MatrixXd systematic_draws(const posterior::Posterior& posterior) {
   const Eigen::Index n = std::min(k_samples, posterior.points.rows());
   Eigen::MatrixXd drawn(n, posterior.points.cols());
-  const double share = posterior.weights.sum() / static_cast<double>(n);
+  const double share = posterior.weights.sum() / n;
   double cumulative = posterior.weights[0];
   for (Eigen::Index k = 0, i = 0; k < n; ++k) {
-    while (cumulative < (static_cast<double>(k) + 0.5) * share && i + 1 < posterior.points.rows())
+    while (cumulative < (k + 0.5) * share && i + 1 < posterior.points.rows())
       cumulative += posterior.weights[++i];
     drawn.row(k) = posterior.points.row(i);
   }

@@ -24,8 +24,7 @@ std::string text_of(const Json& line) {
 std::string line_of(const std::string& level, const std::string& what, const Json& more) {
   const auto now = std::chrono::system_clock::now();
   const auto ms = std::chrono::duration_cast<std::chrono::milliseconds>(now.time_since_epoch()).count();
-  Json line = {{"time", fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z",
-                                    fmt::gmtime(static_cast<std::time_t>(ms / 1000)), ms % 1000)},
+  Json line = {{"time", fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z", fmt::gmtime((ms / 1000)), ms % 1000)},
                {"level", level},
                {"event", what}};
   const Json head = line;

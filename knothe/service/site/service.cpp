@@ -178,9 +178,9 @@ void serve(const project::Project& project, const ServiceOptions& arguments) {
   allow_descriptors(static_cast<std::size_t>(options.max_connections) + 256);
   HttpServerOptions http_options;
   http_options.address = options.address;
-  http_options.port = static_cast<unsigned short>(arguments.port.value_or(options.port));
-  http_options.max_body = static_cast<std::size_t>(options.max_body);
-  http_options.max_connections = static_cast<std::size_t>(options.max_connections);
+  http_options.port = arguments.port.value_or(options.port);
+  http_options.max_body = options.max_body;
+  http_options.max_connections = options.max_connections;
   http_options.timeout = options.timeout;
   HttpServer http(http_options, watched, metrics);
   server = &http;

@@ -46,7 +46,7 @@ double SettledFiles::rest(const std::string& name, Clock::time_point now) const 
 std::int64_t SettledFiles::arrival_ms(const std::string& name) const {
   struct stat found {};
   if (::stat(path(name).c_str(), &found) != 0) return std::numeric_limits<std::int64_t>::max() / 2;
-  return 1000 * static_cast<std::int64_t>(found.st_ctim.tv_sec) + found.st_ctim.tv_nsec / 1'000'000;
+  return 1000 * found.st_ctim.tv_sec + found.st_ctim.tv_nsec / 1'000'000;
 }
 
 std::string SettledFiles::path(const std::string& name) const {

@@ -241,7 +241,7 @@ void Site::apply_arrivals(const std::vector<Arrival>& arrivals) {
 }
 
 void Site::add(const Measurement& measurement) {
-  if (measurement.step < 0 || static_cast<std::size_t>(measurement.step) >= setup_.problem.model->time.size())
+  if (measurement.step < 0 || measurement.step >= std::ssize(setup_.problem.model->time))
     throw DataError(fmt::format("step {} is not one of this model", measurement.step));
   const auto datum = std::make_shared<const likelihood::Datum>(measurement.datum());
   const std::lock_guard lock(engine_mutex_);
@@ -253,12 +253,12 @@ void Site::add(const Measurement& measurement) {
 }
 
 void Site::withdraw(const Measurement& measurement) {
-  if (remove(measurement)) retract(static_cast<std::size_t>(measurement.step));
+  if (remove(measurement)) retract(measurement.step);
 }
 
 /// True if its step no longer has data.
 bool Site::remove(const Measurement& measurement) {
-  if (measurement.step < 0 || static_cast<std::size_t>(measurement.step) >= setup_.problem.model->time.size())
+  if (measurement.step < 0 || measurement.step >= std::ssize(setup_.problem.model->time))
     return false;  // it never came in
   const auto step = static_cast<std::size_t>(measurement.step);
   const std::lock_guard lock(engine_mutex_);
@@ -354,13 +354,13 @@ std::shared_ptr<Line> Site::line_of(const assimilation::StepResult& step,
   const assimilation::UpdateResult& result = step.update;
   auto line = make_line(step, std::move(model), engine_->data().last(result.step)->values);
   for (const std::int64_t sensor : logbook_.off_at(result.step))  // that it is silent is no news
-    std::erase(line->absent, static_cast<Eigen::Index>(sensor));
+    std::erase(line->absent, sensor);
   Json record = record::step_record(step, setup_.model.contents().axes);
   metrics_.set("knothe_effective_sample_size_ratio", labels(), result.effective_sample_size);
   metrics_.set("knothe_log_evidence", labels(), result.log_evidence);
   record["site"] = name();
   record["data"] = engine_->data().count(result.step);
-  record["received_at"] = 1e-3 * static_cast<double>(*received_ms_.at(result.step).rbegin());
+  record["received_at"] = 1e-3 * (*received_ms_.at(result.step).rbegin());
   record["event"] = line->event = next_event_++;
   line->json = files::json_line(record);
   return line;
@@ -467,8 +467,7 @@ std::int64_t Site::sensor_of(const EntryRequest& request) const {
   const auto count = static_cast<std::int64_t>(sensors.displacement_count() + sensors.scalars.size());
   if (request.sensor_index && *request.sensor_index < count) return *request.sensor_index;
   for (std::size_t i = 0; !request.sensor_name.empty() && i < sensors.scalars.size(); ++i)
-    if (sensors.scalars[i] == request.sensor_name)
-      return static_cast<std::int64_t>(sensors.displacement_count() + i);
+    if (sensors.scalars[i] == request.sensor_name) return sensors.displacement_count() + i;
   std::string names;
   for (const std::string& name : sensors.scalars) names += fmt::format(", \"{}\"", name);
   throw RequestError(
@@ -566,15 +565,15 @@ bool Site::tick() {
       metrics_.set("knothe_structure", labels(fmt::format("level=\"{}\"", level.word)),
                    latest->verdict == level.value ? 1 : 0);
   if (age) metrics_.set("knothe_data_age_seconds", labels(), *age);
-  metrics_.set("knothe_pending_measurements", labels(), static_cast<double>(pending));
-  metrics_.set("knothe_journal_records", labels(), static_cast<double>(records));
-  metrics_.set("knothe_quarantined_measurements", labels(), static_cast<double>(tally.quarantined));
-  metrics_.set("knothe_unacknowledged_alarms", labels(), static_cast<double>(alarms_.unacknowledged()));
+  metrics_.set("knothe_pending_measurements", labels(), pending);
+  metrics_.set("knothe_journal_records", labels(), records);
+  metrics_.set("knothe_quarantined_measurements", labels(), tally.quarantined);
+  metrics_.set("knothe_unacknowledged_alarms", labels(), alarms_.unacknowledged());
   if (verifier_) {
-    metrics_.set("knothe_full_order_runs", labels(), static_cast<double>(verification.runs));
-    metrics_.set("knothe_model_version", labels(), static_cast<double>(verification.version));
+    metrics_.set("knothe_full_order_runs", labels(), verification.runs);
+    metrics_.set("knothe_model_version", labels(), verification.version);
   }
-  if (step >= 0) metrics_.set("knothe_step", labels(), static_cast<double>(step));
+  if (step >= 0) metrics_.set("knothe_step", labels(), step);
   if (!health_.update_state(state)) return false;
   log_event(state.word == "OK" || state.word == "FINISHED" ? "info" : "warning", "state",
             {{"site", name()}, {"state", state.word}, {"reason", state.reason}, {"step", step}});

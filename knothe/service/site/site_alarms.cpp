@@ -12,16 +12,11 @@
 namespace knothe::service {
 
 Json json_of(const Alarm& alarm) {
-  Json json = {{"id", alarm.id},
-               {"step", alarm.step},
-               {"severity", alarm.severity},
-               {"kind", alarm.kind},
-               {"message", alarm.message},
-               {"raised_at", 1e-3 * static_cast<double>(alarm.raised_ms)}};
+  Json json = {{"id", alarm.id},     {"step", alarm.step},       {"severity", alarm.severity},
+               {"kind", alarm.kind}, {"message", alarm.message}, {"raised_at", 1e-3 * alarm.raised_ms}};
   if (const auto& acknowledged = alarm.acknowledged)
-    json["acknowledged"] = {{"by", acknowledged->by},
-                            {"comment", acknowledged->comment},
-                            {"at", 1e-3 * static_cast<double>(acknowledged->at_ms)}};
+    json["acknowledged"] = {
+        {"by", acknowledged->by}, {"comment", acknowledged->comment}, {"at", 1e-3 * acknowledged->at_ms}};
   return json;
 }
 
@@ -132,9 +127,8 @@ std::optional<Alarm> SiteAlarms::find(std::int64_t id) const {
 
 std::size_t SiteAlarms::unacknowledged() const {
   const std::lock_guard lock(mutex_);
-  return static_cast<std::size_t>(std::count_if(alarms_.begin(), alarms_.end(), [](const Alarm& alarm) {
-    return alarm.severity != "info" && !alarm.acknowledged;
-  }));
+  return std::count_if(alarms_.begin(), alarms_.end(),
+                       [](const Alarm& alarm) { return alarm.severity != "info" && !alarm.acknowledged; });
 }
 
 }  // namespace knothe::service

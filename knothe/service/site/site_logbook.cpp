@@ -9,7 +9,7 @@ namespace knothe::service {
 Json json_of(const LogbookEntry& entry) {
   Json body = {{"number", entry.number}, {"kind", to_text(entry.kind)},
                {"time", entry.time},     {"by", entry.author},
-               {"text", entry.text},     {"written_at", 1e-3 * static_cast<double>(entry.written_ms)}};
+               {"text", entry.text},     {"written_at", 1e-3 * entry.written_ms}};
   if (entry.kind == EntryKind::acknowledgement) body["alarm"] = entry.subject;
   if (entry.kind == EntryKind::sensor_off || entry.kind == EntryKind::sensor_on)
     body["sensor"] = entry.subject;

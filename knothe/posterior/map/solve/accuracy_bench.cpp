@@ -14,7 +14,7 @@
 namespace {
 
 using namespace knothe;
-using namespace knothe::transport;
+using namespace knothe::posterior;
 using namespace knothe::posterior::accuracy;
 
 void print_header() {

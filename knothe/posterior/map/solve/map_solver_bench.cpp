@@ -16,8 +16,7 @@
 
 namespace {
 
-using namespace knothe::transport;
-namespace sampling = knothe::sampling;
+using namespace knothe::posterior;
 
 double processor_us() {
   timespec now{};
