@@ -10,6 +10,7 @@
 #include "knothe/base/text.hpp"
 #include "knothe/files/units.hpp"
 #include "knothe/likelihood/data/clock.hpp"
+#include "knothe/likelihood/data/series_interpolation.hpp"
 #include "knothe/likelihood/data/time_matching.hpp"
 #include "knothe/likelihood/step/prior_of_model.hpp"
 #include "knothe/model/observe/scalar_observations.hpp"
@@ -56,18 +57,30 @@ void settle_units(const model::ScalarObservation& sensor, const std::string& sou
                                 source, series.units, sensor.name, sensor.units));
 }
 
-/// The noise with the errors that observed series have at all times.
-likelihood::NoiseModel with_shared_errors(const likelihood::Measurements& m) {
+/// The noise with the errors that observed series have at all times: what is shared by the values of one, and
+/// that their clock is off by. `by_clock`: what the latter does to displacements, n × n_t, m per unit of
+/// time, where the series tell the time of the data; then it does nothing to the series themselves. Else
+/// empty.
+likelihood::NoiseModel with_shared_errors(const likelihood::Measurements& m,
+                                          const Eigen::MatrixXd& by_clock) {
   const std::vector<std::string>& names = m.sensors.scalars;
   const Eigen::Index displacements = m.values.rows() - std::ssize(names);
   std::vector<Eigen::MatrixXd> factors(m.time.size(), Eigen::MatrixXd(m.values.rows(), 0));
+  const auto add_column = [](Eigen::MatrixXd& factor) {
+    factor.conservativeResize(Eigen::NoChange, factor.cols() + 1);
+    factor.rightCols<1>().setZero();
+    return factor.rightCols<1>();
+  };
   for (std::size_t k = 0; k < names.size(); ++k) {
     const std::vector<double>& std = m.series.at(names[k]).shared_std;
-    for (std::size_t t = 0; t < std.size(); ++t) {
-      Eigen::MatrixXd& factor = factors[t];
-      factor.conservativeResize(Eigen::NoChange, factor.cols() + 1);
-      factor.rightCols<1>().setZero();
-      factor(displacements + static_cast<Eigen::Index>(k), factor.cols() - 1) = std[t];
+    for (std::size_t t = 0; t < std.size(); ++t) add_column(factors[t])(displacements + k) = std[t];
+  }
+  for (std::size_t t = 0; m.series_time_std > 0 && t < factors.size(); ++t) {
+    auto column = add_column(factors[t]);
+    if (by_clock.size() > 0) column.head(displacements) = m.series_time_std * by_clock.col(t);
+    for (std::size_t k = 0; by_clock.size() == 0 && k < names.size(); ++k) {
+      const double rate = m.series.at(names[k]).rate[t];
+      if (!std::isnan(rate)) column(displacements + k) = m.series_time_std * rate;
     }
   }
   return factors.empty() || factors.front().cols() == 0 ? m.noise
@@ -109,18 +122,18 @@ void add_series(const Project& project, const model::SeparatedModel& model, cons
     m.values.row(n + i) = Eigen::Map<const Eigen::RowVectorXd>(values.data(), m.values.cols());
   }
   m.noise = m.noise.with_scalars(Eigen::Map<const Eigen::VectorXd>(std.data(), count));
-  m.noise = with_shared_errors(m);
   data.observed =
       std::make_shared<const model::ObservedModel>(model::with_scalars(*data.observed, model, sensors));
 }
 
-/// A model at the times of the data, and what its errors per step come from: rates of change by something
-/// that was measured, with the standard deviation of that measurement.
+/// A model at the times of the data, and what its errors come from: rates of change by something that was
+/// measured, with the standard deviation of that measurement.
 struct Placed {
   model::ObservedModel model;
   struct Error {
     model::ObservedModel rate;
     std::vector<double> std;  ///< per datum
+    bool lasts = false;       ///< one error for all data, by which the clock's time is off
   };
   std::vector<Error> errors;
 };
@@ -142,6 +155,11 @@ Placed place_by_clock(const Project& project, const model::SeparatedModel& model
   const likelihood::ClockReading clock = likelihood::read_clock(model, project.clock, series, source);
   Placed placed{model::at_times(whole, clock.time), {}};
   if (series.std) placed.errors.push_back({model::rates_at_times(whole, clock.time), clock.std});
+  if (m.series_time_std > 0) {
+    std::vector<double> per_time = clock.rate;
+    for (std::size_t i = 0; i < per_time.size(); ++i) per_time[i] *= series.rate[i];
+    placed.errors.push_back({model::rates_at_times(whole, clock.time), std::move(per_time), true});
+  }
   return placed;
 }
 
@@ -172,9 +190,11 @@ void give_last(const std::string& name, std::span<const model::Axis> axes, const
   placed.model = model::with_last_given(placed.model, axes, series.values);
 }
 
-/// The model at the times of the data, with what is known given.
-void place(const Project& project, const model::SeparatedModel& model,
-           const std::vector<posterior::Prior>& priors, const std::string& source, ObservedData& data) {
+/// The model at the times of the data, with what is known given. What an error of the clock that lasts does
+/// to each observation, n × n_t per unit of time; empty where there is none.
+Eigen::MatrixXd place(const Project& project, const model::SeparatedModel& model,
+                      const std::vector<posterior::Prior>& priors, const std::string& source,
+                      ObservedData& data) {
   likelihood::Measurements& m = data.measurements;
   Placed placed = project.clock.empty()
                       ? Placed{model::at_steps(*data.observed,
@@ -187,28 +207,76 @@ void place(const Project& project, const model::SeparatedModel& model,
     data.known.insert(data.known.begin(), m.series.at(project.known[k].name).values.back());
   }
   const auto transform = likelihood::truncated_to_box(placed.model, priors);
-  for (const Placed::Error& error : placed.errors)
-    m.noise = likelihood::with_clock_error(m.noise, error.rate, *transform, error.std);
+  Eigen::MatrixXd lasting;
+  for (const Placed::Error& error : placed.errors) {
+    if (error.lasts)
+      lasting = likelihood::mean_rates(error.rate, *transform) *
+                Eigen::Map<const Eigen::VectorXd>(error.std.data(), std::ssize(error.std)).asDiagonal();
+    else
+      m.noise = likelihood::with_clock_error(m.noise, error.rate, *transform, error.std);
+  }
   data.time_indices.resize(placed.model.time.size());
   std::iota(data.time_indices.begin(), data.time_indices.end(), std::size_t{0});
   data.observed = std::make_shared<const model::ObservedModel>(std::move(placed.model));
+  return lasting;
 }
 
 }  // namespace
+
+void set_series_std(const Project& project, likelihood::Measurements& measurements) {
+  for (const auto& [name, std] : project.series_std) {
+    const auto found = measurements.series.find(name);
+    if (found == measurements.series.end()) {
+      std::vector<std::string> names;
+      for (const auto& [other, series] : measurements.series) names.push_back(other);
+      throw project.error_at(
+          "data.std." + name,
+          fmt::format("{} has no series \"{}\"{}; it has {}", project.data, name, did_you_mean(name, names),
+                      names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
+    }
+    found->second.std = std;
+  }
+}
+
+void add_series_beside_pictures(const Project& project, likelihood::Measurements& pictures) {
+  likelihood::Measurements recorded = likelihood::read_measurements(project.data);
+  if (recorded.values.rows() > 0)
+    throw DataError(fmt::format(
+        "{}: it holds displacements, but beside [data] pictures only its series are read: leave them out, or "
+        "give a gauge as a series with a table [data.sensors]",
+        project.data));
+  bool overlaps = false;
+  for (const auto& [name, series] : recorded.series) {
+    MeasuredSeries& here = pictures.series[name] =
+        likelihood::interpolate_series(series, recorded.time, pictures.time);
+    overlaps = overlaps || std::any_of(here.values.begin(), here.values.end(),
+                                       [](double value) { return !std::isnan(value); });
+  }
+  if (!overlaps && !recorded.time.empty() && !pictures.time.empty())
+    throw DataError(
+        fmt::format("{}: its times, {} to {}, and those of the pictures, {} to {}, have none in common: both "
+                    "must be read "
+                    "from one clock ([data] time_offset_std is for what is left between two)",
+                    project.data, recorded.time.front(), recorded.time.back(), pictures.time.front(),
+                    pictures.time.back()));
+  pictures.series_time_std = project.time_offset_std;
+}
 
 ObservedData observe_data(const Project& project, const model::SeparatedModel& model,
                           const std::vector<posterior::Prior>& priors, likelihood::Measurements measurements,
                           const std::string& source) {
   ObservedData data;
   data.measurements = std::move(measurements);
-  const likelihood::Measurements& m = data.measurements;
+  likelihood::Measurements& m = data.measurements;
   data.observed = std::make_shared<const model::ObservedModel>(model::observe(model, m.sensors));
   add_series(project, model, source, data);
-  if (project.clock.empty() && project.known.empty()) {
-    data.time_indices = likelihood::match_times(m.time, data.observed->time, source);
-  } else {
-    place(project, model, priors, source, data);
-  }
+  Eigen::MatrixXd by_clock;
+  if (project.clock.empty() && project.known.empty())
+    data.time_indices = likelihood::match_times(
+        m.time, data.observed->time, project.pictures.folder.empty() ? source : project.pictures.folder);
+  else
+    by_clock = place(project, model, priors, source, data);
+  m.noise = with_shared_errors(m, by_clock);
   return data;
 }
 

@@ -20,6 +20,13 @@ struct ObservedData {
   std::vector<std::string> unused;        ///< series of the file that nothing was made of: they have no std
 };
 
+/// Into `pictures`, measured without their values so far, the series of the project's data file at the times
+/// of the pictures. Errors: DataError where the file has displacements, or no time in common.
+void add_series_beside_pictures(const Project& project, likelihood::Measurements& pictures);
+
+/// Gives the series the standard deviations of the project. Errors: ProjectError for a name that none has.
+void set_series_std(const Project& project, likelihood::Measurements& measurements);
+
 /// What of `measurements` the model says something about: displacements; series with a std that are named as
 /// a sensor of the project or an output of the model. With `project.clock` the times are those that its
 /// series tells, and its error is in the noise. Parameters that are known take the values of their series,

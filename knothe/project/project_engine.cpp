@@ -59,17 +59,24 @@ std::optional<RecordedData::Item> RecordedData::next(const Eigen::VectorXd& mean
   const std::size_t step = next_++;
   const std::vector<std::size_t>& time = setup_.time_indices;
   Item item;
-  item.datum.key.seq = static_cast<std::int64_t>(step);
+  item.datum.key.seq = step;
   item.datum.step = step;
   item.datum.time_index = time[step];
   const auto column = static_cast<Eigen::Index>(step);
   if (setup_.pictures) {
-    if (mean.size() != 0 && step + 1 < size())
-      setup_.pictures->set_increment(setup_.problem.model->predict(mean, time[step + 1]) -
-                                     setup_.problem.model->predict(mean, time[step]));
+    const Eigen::Index displacements = setup_.pictures->measurements().values.rows();
+    const Eigen::Index scalars = setup_.measurements.values.rows() - displacements;
+    if (mean.size() != 0 && step + 1 < size()) {
+      const Eigen::VectorXd increment = setup_.problem.model->predict(mean, time[step + 1]) -
+                                        setup_.problem.model->predict(mean, time[step]);
+      setup_.pictures->set_increment(increment.head(displacements));
+    }
     item.picture = setup_.pictures->next();
     item.datum.noise = item.picture->noise;
-    setup_.measurements.values.col(column) = item.picture->values;
+    if (item.datum.noise && scalars > 0)
+      item.datum.noise = item.datum.noise->with_independent(
+          setup_.measurements.noise.measurement().standard_deviations().tail(scalars));
+    setup_.measurements.values.col(column).head(displacements) = item.picture->values;
   }
   item.datum.values = setup_.measurements.values.col(column);
   return item;

@@ -38,6 +38,8 @@ struct Project {
   std::vector<std::string> candidates;  ///< further models to compare it with, resolved
   std::string data;                     ///< measurements, resolved; empty if none
   std::string clock;                    ///< output that tells the time of the data; empty: their own times
+  std::map<std::string, double> series_std;       ///< of series of the data file, in their units
+  double time_offset_std = 0;                     ///< of the data file's clock against the pictures'
   std::vector<model::ScalarObservation> sensors;  ///< made of displacements
   std::string results = "results/";               ///< resolved
   std::vector<NamedPrior> parameters;             ///< those that are inferred

@@ -174,16 +174,18 @@ UpdateSetup set_up(const Project& given, assimilation::Features features, bool l
     throw project.error_at(
         key, fmt::format("\"{}\" and \"data.file\" both say where the sensors are: give one", key));
   }
-  if (project.data.empty() && !pictures)
+  if (!pictures && (project.data.empty() || !project.pictures.folder.empty()))
     pictures = std::make_shared<PictureMeasurements>(project, whole, live);
   likelihood::Measurements measurements =
       pictures ? pictures->measurements() : likelihood::read_measurements(project.data);
+  if (pictures && !project.data.empty()) add_series_beside_pictures(project, measurements);
+  set_series_std(project, measurements);
   if (fixed)
     for (const KnownParameter& known : given.known) measurements.series.erase(known.name);
   if (project.method.offset_std > 0)
     measurements.noise = measurements.noise.with_offsets(project.method.offset_std);
   ObservedData data = observe_data(project, whole, priors, std::move(measurements),
-                                   pictures ? project.pictures.folder : project.data);
+                                   project.data.empty() ? project.pictures.folder : project.data);
   if (project.method.truncation_error) {
     const bool online = features[static_cast<std::size_t>(assimilation::Feature::service)];
     data.measurements.noise = noise_with_truncation(project, whole, data, online);

@@ -96,8 +96,16 @@ ClockReading read_clock(const model::SeparatedModel& model, const std::string& n
     // A reading at a node is the node's time to the bit.
     reading.time.push_back(inside == clock.value[k] ? time[k] : time[k - 1] + slope * ahead);
     reading.std.push_back(error * slope);
+    reading.rate.push_back(clock.sign * slope);
   }
   return reading;
+}
+
+Eigen::MatrixXd mean_rates(const model::ObservedModel& rates, const posterior::PriorTransform& transform) {
+  const PosteriorFunctions prior = prior_functions(*rates.functions, transform);
+  Eigen::MatrixXd mean = rates.lift;
+  for (Eigen::Index i = 0; i < mean.cols(); ++i) mean.col(i) += rates.space * (rates.core[i] * prior.mean);
+  return mean;
 }
 
 NoiseModel with_clock_error(const NoiseModel& noise, const model::ObservedModel& rates,

@@ -16,6 +16,7 @@ namespace knothe::likelihood {
 struct ClockReading {
   std::vector<double> time;  ///< n, model time, inside that of the model
   std::vector<double> std;   ///< n, standard deviation of its error, ≥ 0
+  std::vector<double> rate;  ///< n, model time per unit of the reading, negative where that falls
 };
 
 /// Model time of each value of `measured`, the quantity that the model knows as output `name`: piecewise
@@ -25,6 +26,10 @@ struct ClockReading {
 /// ends there, which it does not describe. `where`: what messages call the data. Errors: DataError.
 [[nodiscard]] ClockReading read_clock(const model::SeparatedModel& model, const std::string& name,
                                       const MeasuredSeries& measured, const std::string& where);
+
+/// E[∂y/∂t] over the priors at the times of `rates`, n × n_t.
+[[nodiscard]] Eigen::MatrixXd mean_rates(const model::ObservedModel& rates,
+                                         const posterior::PriorTransform& transform);
 
 /// `noise` with the error of the clock in each step: a reading that is off by δ moves all predictions by
 /// δ ∂y/∂t. Its covariance is that over the clock's error and the priors, σ² E[(∂y/∂t)(∂y/∂t)ᵀ]: the mean

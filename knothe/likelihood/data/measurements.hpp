@@ -18,7 +18,8 @@ struct MeasuredSeries {
   /// n_t, or empty: standard deviation of an error besides that is one standard normal number, the same at
   /// all times, times this: the scatter of specimens about the curve, a calibration.
   std::vector<double> shared_std;
-  std::string units;  ///< of the values; empty: not said
+  std::string units;         ///< of the values; empty: not said
+  std::vector<double> rate;  ///< n_t, change per unit of time, where values are interpolated; else empty
 };
 
 /// What a data file holds (docs/interfaces of the project, section 4). SI units.
@@ -28,6 +29,9 @@ struct Measurements {
   model::Sensors sensors;    ///< rows of the values; scalars are in `series` until they are observed
   NoiseModel noise;
   std::map<std::string, MeasuredSeries> series;  ///< `/outputs/NAME`
+  /// Of a constant error of the times of all series, by which they are off from those of the displacements,
+  /// in units of `time`; their `rate` says what it does. 0: none.
+  double series_time_std = 0;
   std::map<std::string, double>
       truth;  ///< true parameters of synthetic data, `/truth/NAME`; empty for real data
 
@@ -35,7 +39,7 @@ struct Measurements {
 };
 
 /// Reads `.csv` as CSV (columns time, sensor, x, y, z, component, value, std, and shared_std if
-/// wanted), anything else as HDF5. A
+/// wanted; or a column `time` and one of each series), anything else as HDF5. A
 /// series is `/outputs/NAME` [n_t] with an attribute `std`, `/shared_std/NAME` [n_t] if wanted, in CSV rows
 /// whose component is NAME (x, y, z and a std of 0 or none are then not looked at). Errors: DataError with
 /// file, data set and index, or file:line:column.

@@ -74,10 +74,46 @@ std::vector<std::string> names_of(const std::map<std::pair<std::string, int>, Se
   return names;
 }
 
+/// "force [N]" or "force (N)": name and unit.
+std::pair<std::string, std::string> name_and_unit(const std::string& heading) {
+  static constexpr std::pair<char, char> k_brackets[] = {{'[', ']'}, {'(', ')'}};
+  for (const auto& [open, close] : k_brackets) {
+    const std::size_t at = heading.rfind(open);
+    if (at == std::string::npos || at == 0 || heading.back() != close) continue;
+    return {heading.substr(0, heading.find_last_not_of(' ', at - 1) + 1),
+            heading.substr(at + 1, heading.size() - at - 2)};
+  }
+  return {heading, ""};
+}
+
+/// One row a time: a column `time`, and one of each series.
+Measurements series_of_columns(const files::CsvTable& table) {
+  Measurements m;
+  std::string of_time;
+  for (const std::string& heading : table.header())
+    if (name_and_unit(heading).first == "time") of_time = heading;
+  m.time = table.numbers(of_time.empty() ? "time" : of_time);
+  for (std::size_t row = 1; row < m.time.size(); ++row)
+    if (!(m.time[row] > m.time[row - 1])) table.fail(row, of_time, "the times of a table of series increase");
+  for (const std::string& heading : table.header()) {
+    if (heading == of_time) continue;
+    const auto [name, unit] = name_and_unit(heading);
+    MeasuredSeries series;
+    series.values = table.numbers(heading, true);
+    series.units = unit;
+    if (!m.series.emplace(name, std::move(series)).second)
+      table.fail(0, heading, "a second column of the series \"" + name + "\"");
+  }
+  m.values.resize(0, std::ssize(m.time));
+  m.noise = NoiseModel::independent(Eigen::VectorXd());
+  return m;
+}
+
 }  // namespace
 
 Measurements read_measurements_csv(const std::string& path) {
   const files::CsvTable table = files::CsvTable::read(path);
+  if (!table.has("component") && !table.has("value") && !table.has("sensor")) return series_of_columns(table);
   const std::vector<double> time = table.numbers("time"), x = table.numbers("x", true),
                             y = table.numbers("y", true), z = table.numbers("z", true),
                             value = table.numbers("value", true), std = table.numbers("std", true);

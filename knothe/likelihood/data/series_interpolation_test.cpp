@@ -1,0 +1,40 @@
+#include "knothe/likelihood/data/series_interpolation.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+namespace knothe::likelihood {
+namespace {
+
+constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
+
+TEST(InterpolateSeries, IsLinearBetweenValuesAndMissingElsewhere) {
+  const MeasuredSeries force{{1, 3, k_nan, 7, 6}, 0.1, {}, "N", {}};
+  const std::vector<double> from = {0, 1, 2, 3, 5},
+                            to = {-0.1, 0, 0.25, 1, 1.5, 2, 2.5, 3, 3 + 1e-12, 4, 5, 5.1};
+  const MeasuredSeries at = interpolate_series(force, from, to);
+  const std::vector<double> expected = {k_nan, 1, 1.5, 3, k_nan, k_nan, k_nan, 7, 7, 6.5, 6, k_nan};
+  ASSERT_EQ(at.values.size(), expected.size());
+  for (std::size_t i = 0; i < expected.size(); ++i) {
+    if (std::isnan(expected[i]))
+      EXPECT_TRUE(std::isnan(at.values[i])) << i;
+    else
+      EXPECT_NEAR(at.values[i], expected[i], 1e-9) << i;
+  }
+  EXPECT_EQ(at.units, "N");
+  EXPECT_EQ(at.std, 0.1);
+  EXPECT_EQ(at.rate[2], 2);
+  EXPECT_EQ(at.rate[9], -0.5);
+  EXPECT_TRUE(at.shared_std.empty());
+}
+
+TEST(InterpolateSeries, OneValueIsNoLine) {
+  const MeasuredSeries at =
+      interpolate_series({{4.0}, {}, {}, "", {}}, std::vector<double>{1.0}, std::vector<double>{1.0});
+  EXPECT_TRUE(std::isnan(at.values[0]));
+}
+
+}  // namespace
+}  // namespace knothe::likelihood
