@@ -40,82 +40,6 @@ SolvedGrid run_grid(model::Simulator& solver, const model::RunGrid& grid,
   return solved;
 }
 
-/// What both forms of LATIN-PGD take from a project.
-template <typename Options>
-Options latin_options(const OfflineOptions& project) {
-  Options options;
-  if (project.latin_accuracy) options.accuracy = *project.latin_accuracy;
-  options.window = project.latin_window;
-  options.threads = project.processes;
-  options.quiet = false;
-  return options;
-}
-
-GridSolutions solve_jointly(const OfflineOptions& options, const BeamProblem& problem,
-                            const std::vector<model::Axis>& axes, const std::string& parts_folder,
-                            const files::CommandOutput& output) {
-  LatinModel latin = solve_latin_grid(problem, axes, latin_options<LatinOptions>(options), parts_folder,
-                                      options.latin_start);
-  const LatinSolution& solution = latin.solution;
-  for (const LatinIteration& it : solution.history)
-    output.record({{"first_step", it.first_step},
-                   {"last_step", it.last_step},
-                   {"round", it.round},
-                   {"working_modes", it.working_modes},
-                   {"space_modes", it.archived_modes},
-                   {"points", it.lanes},
-                   {"residual", it.residual},
-                   {"correction_m", it.correction},
-                   {"indicator", it.indicator},
-                   {"cpu_seconds", it.cpu_seconds}});
-  for (const auto& [point, windows] : inaccurate_points(solution))
-    fmt::print(stderr,
-               "knothe: warning: at parameters ({:g}) {} window(s) of steps were left before they were "
-               "accurate; see "
-               "the output equilibrium_residual of the model\n",
-               fmt::join(latin.grid.snapshots.parameters_at(point), ", "), windows);
-  output.text(fmt::format("LATIN-PGD: {} grid points, {} space modes, {} global stages, {:.1f} s of CPU time",
-                          latin.grid.snapshots.grid_size(), solution.space.cols(), solution.history.size(),
-                          solution.cpu_seconds));
-  return std::move(latin.grid);
-}
-
-GridSolutions solve_separated(const OfflineOptions& options, const BeamProblem& problem,
-                              const std::vector<model::Axis>& axes, const std::string& parts_folder,
-                              const files::CommandOutput& output) {
-  auto separated = latin_options<SeparatedOptions>(options);
-  separated.max_terms = options.latin_terms;
-  LatinModel latin = solve_separated_grid(problem, axes, separated, parts_folder, options.latin_start);
-  for (const SeparatedIteration& it : latin.separated)
-    output.record({{"steps", it.steps},
-                   {"round", it.round},
-                   {"terms", it.terms},
-                   {"space_modes", it.space_modes},
-                   {"energy_error", it.energy_error},
-                   {"residual", it.residual},
-                   {"correction_m", it.correction},
-                   {"indicator", it.indicator},
-                   {"relaxation", it.relaxation},
-                   {"cpu_seconds", it.cpu_seconds}});
-  const auto terms = latin.grid.terms ? latin.grid.terms->time.cols() : 0;
-  const double left = latin.separated.empty() ? 0.0 : 1e6 * latin.separated.back().correction;  // µm
-  if (!inaccurate_points(latin.solution).empty())
-    fmt::print(stderr,
-               "knothe: warning: with {} terms out-of-balance forces are left that are worth {:.3g} µm "
-               "([offline.latin] accuracy asks for {:.3g} µm): {}\n",
-               terms, left, 1e6 * separated.accuracy,
-               terms < separated.max_terms
-                   ? "more terms gain nothing; take the joint form (leave separation away)"
-                   : fmt::format("raise [offline.latin] terms ({}), or take the joint form (leave separation "
-                                 "away)",
-                                 separated.max_terms));
-  output.text(fmt::format(
-      "LATIN-PGD, fully separated: {} grid points, {} terms, {} global stages, out-of-balance forces worth "
-      "{:.2g} µm at most, {:.1f} s of CPU time",
-      latin.grid.snapshots.grid_size(), terms, latin.separated.size(), left, latin.solution.cpu_seconds));
-  return std::move(latin.grid);
-}
-
 /// Largest error at `dofs` of splines through the uncompressed snapshots, m.
 double interpolation_error(const GridSolutions& solutions, const std::vector<std::size_t>& dofs,
                            const std::vector<model::OffGridSolution>& off_grid) {
@@ -173,9 +97,36 @@ void report_run(const model::RunSummary& run, const files::CommandOutput& output
 
 GridSolutions solve_latin(const project::Project& project, const std::string& parts_folder,
                           const files::CommandOutput& output) {
-  const OfflineOptions& options = *project.offline;
-  return (options.latin_full ? solve_separated : solve_jointly)(
-      options, beam_problem(project), parameter_axes(project), parts_folder, output);
+  const OfflineOptions& from = *project.offline;
+  LatinOptions options;
+  options.accuracy = from.latin_accuracy;
+  options.window = from.latin_window;
+  options.threads = from.processes;
+  options.quiet = false;
+  LatinModel latin = solve_latin_grid(beam_problem(project), parameter_axes(project), options, parts_folder,
+                                      from.latin_start);
+  const LatinSolution& solution = latin.solution;
+  for (const LatinIteration& it : solution.history)
+    output.record({{"first_step", it.first_step},
+                   {"last_step", it.last_step},
+                   {"round", it.round},
+                   {"working_modes", it.working_modes},
+                   {"space_modes", it.archived_modes},
+                   {"points", it.lanes},
+                   {"residual", it.residual},
+                   {"correction_m", it.correction},
+                   {"indicator", it.indicator},
+                   {"cpu_seconds", it.cpu_seconds}});
+  for (const auto& [point, windows] : inaccurate_points(solution))
+    fmt::print(stderr,
+               "knothe: warning: at parameters ({:g}) {} window(s) of steps were left before they were "
+               "accurate; see "
+               "the output equilibrium_residual of the model\n",
+               fmt::join(latin.grid.snapshots.parameters_at(point), ", "), windows);
+  output.text(fmt::format("LATIN-PGD: {} grid points, {} space modes, {} global stages, {:.1f} s of CPU time",
+                          latin.grid.snapshots.grid_size(), solution.space.cols(), solution.history.size(),
+                          solution.cpu_seconds));
+  return std::move(latin.grid);
 }
 
 model::RunGrid run_grid_of(const project::Project& project, const std::string& parts_folder) {

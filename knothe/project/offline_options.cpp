@@ -17,19 +17,13 @@ using P = OfflineParameter;
 void add_latin_options(Section<O>& s) {
   s.table("latin", "Options of LATIN-PGD.");
   s.add("latin.accuracy", &O::latin_accuracy,
-        "Tolerance on the remaining out-of-balance forces, as the displacement that they would cause, m; "
-        "1e-7, fully separated 1e-6.",
+        "Tolerance on the remaining out-of-balance forces, as the displacement that they would cause, m.",
         positive);
   s.add("latin.window", &O::latin_window, "Number of load steps that are iterated together.", at_least(1));
   s.add("latin.start", &O::latin_start,
         "Reduced model to start from, of the same mesh, steps and material, e.g. one of snapshots on a "
         "coarser grid of parameters (hybrid); otherwise the elastic solution.",
         file);
-  s.choice("latin.separation", &O::latin_full, "joint", "full",
-           "Space modes with joint functions of time and parameters; or all variables separated from each "
-           "other during the iteration (form = \"canonical\").");
-  s.add("latin.terms", &O::latin_terms, "Fully separated: maximum number of terms during the iteration.",
-        at_least(1));
 }
 
 void add_body_options(Section<O>& s) {
@@ -291,13 +285,10 @@ void check_time(Values& values, const model::TimeAxis& time) {
 }
 
 void check_latin(Values& values, const OfflineOptions& o) {
+  if (o.method != OfflineMethod::latin) return;
   const auto refuse = [&](bool when, const char* key, const char* text) {
     if (when) values.complain(std::string("offline.") + key, text);
   };
-  refuse(o.latin_full && o.form != model::Form::canonical, "latin.separation",
-         "separation = \"full\" finds the solution in the canonical form: it needs form = \"canonical\" in "
-         "[offline]; for the tree form leave it away");
-  if (o.method != OfflineMethod::latin) return;
   refuse(!o.time.output.empty(), "time",
          "LATIN-PGD solves for all parameters at the same load steps: \"time\" needs method = \"snapshots\"");
   refuse(o.law != SofteningLaw::brittle, "damage.law",

@@ -86,12 +86,10 @@ struct OfflineOptions {
   std::optional<UmbridgeSource> umbridge;        ///< or a server
   [[nodiscard]] bool is_beam() const { return !command && !umbridge; }
   OfflineMethod method = OfflineMethod::snapshots;
-  std::optional<double> latin_accuracy;  ///< m; else 1e-7, fully separated 1e-6
-  int latin_window = 2;                  ///< steps
-  std::string latin_start;               ///< model file; empty: the elastic solution
-  bool latin_full = false;               ///< fully separated form
-  int latin_terms = 100;                 ///< of it, at most
-  double element = 0.005;                ///< m
+  double latin_accuracy = 1e-7;  ///< m
+  int latin_window = 2;          ///< steps
+  std::string latin_start;       ///< model file; empty: the elastic solution
+  double element = 0.005;        ///< m
   int layers = 1;
   std::string gmsh;  ///< resolved; empty: structured mesh
   SofteningLaw law = SofteningLaw::brittle;

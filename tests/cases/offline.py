@@ -101,27 +101,6 @@ class Test(Case):
         self.project.write_text(hybrid_text.replace("corners.h5", "corner.h5"))
         self.expect(4, "offline", self.project_name, "-o", "model.h5", stderr="corner.h5")
 
-    def test_latin_in_the_fully_separated_form(self):
-        """The canonical model of the terms themselves; the joint form at the same point is a few micrometres away at most."""
-        text = self.project.read_text()
-        self.build("joint.h5", "--method", "latin")
-        full = text.replace('method = "snapshots"', 'method = "latin"\nlatin = { separation = "full", accuracy = 5e-7 }')
-        self.project.write_text(full)
-        self.expect(3, "offline", self.project_name, "-o", "full.h5", stderr='it needs form = "canonical"')
-        full = full.replace('form = "tree"', 'form = "canonical"').replace("modes = 6", "modes = 60")
-        self.project.write_text(full)
-        out = self.build("full.h5", "--json").lines()
-        stages = [line for line in out if "round" in line]
-        self.assertLessEqual(stages[-1]["correction_m"], 5e-7)
-        self.assertEqual(stages[-1]["steps"], 20)
-        self.assertTrue(all(stage["space_modes"] <= stage["terms"] for stage in stages))
-        point = ["--at", "Y0=0.93,Ad=1.17", "--step", "14", "--json"]
-        values = [self.expect(0, "model", "evaluate", name, *point).lines()[-1]["values"] for name in ("joint.h5", "full.h5")]
-        self.assertLess(max(abs(a - b) for a, b in zip(*values)), 2e-6)
-        self.assertFalse((self.folder / "full.h5.parts").exists())
-        self.project.write_text(full.replace("accuracy = 5e-7", "accuracy = 5e-7, terms = 4"))
-        self.assertIn("with 4 terms out-of-balance forces are left that are worth", self.build("few.h5").err)
-
     def test_latin_interrupted_goes_on_from_there(self):
         """That the solution is the same to the bit wherever it stops is in latin_pgd_test.cpp; here a signal and the message."""
         text = self.project.read_text().replace("steps = 20", "steps = 400")  # long enough for the signal to find it at work

@@ -81,19 +81,15 @@ const CpFactors& CanonicalSeparation::decompose(std::size_t m) {
 }
 
 void CanonicalSeparation::fill(ModelContents& model) const {
+  const Index m = best_.modes();
+  Eigen::MatrixXd space = space_ * best_.factors[0];
   const Eigen::VectorXd by_time = deviation_.time_weights().cwiseSqrt().cwiseInverse();
+  Eigen::MatrixXd time = by_time.asDiagonal() * time_ * best_.factors[1];
   std::vector<Eigen::MatrixXd> parameters;
   for (Index i = 0; i < std::ssize(axis_weights_); ++i) {
     const Eigen::MatrixXd& factor = product_.factors()[i];
     parameters.push_back(factor.transpose().triangularView<Eigen::Upper>().solve(best_.factors[i + 2]));
   }
-  fill_canonical(space_ * best_.factors[0], by_time.asDiagonal() * time_ * best_.factors[1],
-                 std::move(parameters), axis_weights_, model);
-}
-
-void fill_canonical(Eigen::MatrixXd space, Eigen::MatrixXd time, std::vector<Eigen::MatrixXd> parameters,
-                    const std::vector<Eigen::VectorXd>& weights, ModelContents& model) {
-  const Index m = space.cols();
   // Space modes have unit norm, parameter modes unit weighted mean square and a positive mean: the time modes
   // carry amplitude and sign.
   for (Index k = 0; k < m; ++k) {
@@ -102,8 +98,8 @@ void fill_canonical(Eigen::MatrixXd space, Eigen::MatrixXd time, std::vector<Eig
     time.col(k) *= norm;
     for (Index i = 0; i < std::ssize(parameters); ++i) {
       auto alpha = parameters[i].col(k);
-      double scale = std::sqrt(weights[i].dot(alpha.cwiseAbs2()));
-      if (weights[i].dot(alpha) < 0.0) scale = -scale;
+      double scale = std::sqrt(axis_weights_[i].dot(alpha.cwiseAbs2()));
+      if (axis_weights_[i].dot(alpha) < 0.0) scale = -scale;
       if (scale != 0.0) alpha /= scale;
       time.col(k) *= scale;
     }

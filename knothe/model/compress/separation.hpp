@@ -14,11 +14,6 @@ namespace knothe::model {
 /// Everything of a model that does not depend on the separation: axes, lift, mesh, outputs.
 [[nodiscard]] ModelContents frame_of(const Snapshots& snapshots, const Deviation& deviation);
 
-/// Puts modes into a canonical model: Λ n_dof × m, λ n_t × m, α n_i × m for each axis. All but the time modes
-/// are normalised, and sorted by amplitude (paper, sec. 6.2). `weights`: trapezoid weights of each axis.
-void fill_canonical(Eigen::MatrixXd space, Eigen::MatrixXd time, std::vector<Eigen::MatrixXd> parameters,
-                    const std::vector<Eigen::VectorXd>& weights, ModelContents& model);
-
 /// The deviation as a matrix of parameters × (t, x), in coordinates in which the inner products over both are
 /// Euclidean: Lᵀ v √w, P × n_t n_dof, with W = L Lᵀ.
 class ParameterUnfolding final : public LargeMatrix {

@@ -7,7 +7,6 @@
 #include "knothe/base/index.hpp"
 #include "knothe/base/threads.hpp"
 #include "knothe/model/compress/low_rank.hpp"
-#include "knothe/model/compress/separation.hpp"
 #include "knothe/model/reduced/model_matrices.hpp"
 #include "knothe/model/reduced/separated_model.hpp"
 
@@ -51,19 +50,6 @@ double largest_error(const GridSolutions& solutions, const ModelContents& coordi
     largest[g] = largest_on_dofs(solutions.basis, longest_row, errors);
   });
   return *std::max_element(largest.begin(), largest.end());
-}
-
-/// The model that the terms are, without any decomposition.
-ModelContents model_of_terms(const GridSolutions& solutions, const CompressionOptions& options) {
-  const Deviation deviation(solutions.snapshots);
-  ModelContents model = frame_of(solutions.snapshots, deviation);
-  std::vector<Eigen::VectorXd> weights;
-  for (const Axis& axis : solutions.snapshots.axes) weights.push_back(trapezoid_weights(axis.nodes));
-  fill_canonical(solutions.terms->space, solutions.terms->time, solutions.terms->parameters, weights, model);
-  const ModelError error = training_error(model, solutions.snapshots, options.threads);
-  model.relative_error = std::max(error.relative, error.plain_relative);
-  model.max_error_m = error.max;
-  return model;
 }
 
 /// A model in coordinates becomes one of fields.
@@ -129,10 +115,7 @@ GridSolutions solutions_in_modes(Snapshots frame, const MatrixXd& modes,
 }
 
 ModelContents compress(const GridSolutions& solutions, const CompressionOptions& options) {
-  const bool as_found = solutions.terms && options.form == Form::canonical &&
-                        options.modes >= static_cast<std::size_t>(solutions.terms->time.cols());
-  ModelContents model =
-      as_found ? model_of_terms(solutions, options) : compress(solutions.snapshots, options);
+  ModelContents model = compress(solutions.snapshots, options);
   if (solutions.basis.size() == 0) return model;
   model.max_error_m = largest_error(solutions, model, options.threads) + solutions.largest_left_out;
   expand(solutions, model);

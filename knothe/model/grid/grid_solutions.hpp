@@ -13,13 +13,6 @@
 
 namespace knothe::model {
 
-/// u − u_lift in m separated terms (paper, Eq. 12) at the nodes of the axes.
-struct CanonicalTerms {
-  Eigen::MatrixXd space;                    ///< n_dof, or rows in the basis' coordinates, × m
-  Eigen::MatrixXd time;                     ///< n_t × m
-  std::vector<Eigen::MatrixXd> parameters;  ///< n_i × m for each axis
-};
-
 /// u(x, t, p) at the grid points. With a basis Q, u = Q c: `snapshots` then hold the coordinates c, R for
 /// each step and point, as if they were dofs (and the lift's). Q is orthonormal, so norms, and with them the
 /// whole decomposition, are the same for c as for u, at n_dof / R less work and memory.
@@ -29,9 +22,6 @@ struct GridSolutions {
   Dofs basis_dofs;        ///< those of Q's rows
   std::optional<Mesh> basis_mesh;
   double largest_left_out = 0;  ///< |u − Q c| on any dof
-  /// The same solutions, where they were found in this form. A canonical model with room for all terms is
-  /// these.
-  std::optional<CanonicalTerms> terms;
 
   [[nodiscard]] const Dofs& dofs() const { return basis.size() == 0 ? snapshots.dofs : basis_dofs; }
   [[nodiscard]] std::size_t dof_count() const {

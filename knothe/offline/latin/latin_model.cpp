@@ -25,12 +25,6 @@ std::string numbers_of(const LatinOptions& o) {
                      o.recompression, o.activation);
 }
 
-std::string numbers_of(const SeparatedOptions& o) {
-  return fmt::format(" | LATIN, full v{} {:a} {} {} {} {} {} {:a} {:a} {:a} {:a}", k_latin_version,
-                     o.accuracy, o.window, o.max_terms, o.rounds, o.sweeps, o.fixed_point, o.relaxation,
-                     o.stagnation, o.recompression, o.activation);
-}
-
 /// Outputs as in as_snapshots; `mouth` (1 × R) observes the crack mouth's opening in the modes.
 void add_outputs(const LatinSolution& solution, std::span<const MatrixXd> coordinates, const MatrixXd& mouth,
                  std::vector<model::SnapshotOutput>& outputs) {
@@ -72,9 +66,8 @@ GridProblem grid_problem(const BeamProblem& problem, const std::vector<model::Ax
 }
 
 /// The grid, with `options` told where to start from and where an interrupted run leaves its state.
-template <typename Options>
 GridProblem prepare(const BeamProblem& problem, const std::vector<model::Axis>& axes,
-                    const std::string& parts_folder, const std::string& start_file, Options& options) {
+                    const std::string& parts_folder, const std::string& start_file, LatinOptions& options) {
   GridProblem grid = grid_problem(problem, axes);
   if (!start_file.empty())
     options.start = start_from(model::SeparatedModel::load(start_file), problem, *grid.structure, axes);
@@ -94,10 +87,6 @@ GridProblem prepare(const BeamProblem& problem, const std::vector<model::Axis>& 
   options.state_file =
       (std::filesystem::path(parts_folder) / fmt::format("latin-{:016x}.h5", fnv1a(options.key))).string();
   return grid;
-}
-
-void remove_if_empty(const std::string& parts_folder) {
-  if (std::error_code ignored; !parts_folder.empty()) std::filesystem::remove(parts_folder, ignored);
 }
 
 LatinModel model_of(LatinSolution found, GridProblem grid) {
@@ -134,23 +123,8 @@ LatinModel solve_latin_grid(const BeamProblem& problem, const std::vector<model:
                             const std::string& start_file) {
   GridProblem grid = prepare(problem, axes, parts_folder, start_file, options);
   LatinSolution solution = solve_latin_pgd(grid.structure, problem.solver, grid.parameters, options);
-  remove_if_empty(parts_folder);
+  if (std::error_code ignored; !parts_folder.empty()) std::filesystem::remove(parts_folder, ignored);
   return model_of(std::move(solution), std::move(grid));
-}
-
-LatinModel solve_separated_grid(const BeamProblem& problem, const std::vector<model::Axis>& axes,
-                                SeparatedOptions options, const std::string& parts_folder,
-                                const std::string& start_file) {
-  GridProblem grid = prepare(problem, axes, parts_folder, start_file, options);
-  SeparatedSolution found =
-      solve_latin_separated(grid.structure, problem.solver, axes, grid.parameters, options);
-  remove_if_empty(parts_folder);
-  LatinModel model = model_of(std::move(found.solution), std::move(grid));
-  if (found.terms.count() > 0)
-    model.grid.terms = {model.grid.basis.transpose() * (model.solution.space * found.terms.space),
-                        found.terms.time, found.terms.parameters};
-  model.separated = std::move(found.history);
-  return model;
 }
 
 std::vector<std::pair<std::size_t, int>> inaccurate_points(const LatinSolution& solution) {

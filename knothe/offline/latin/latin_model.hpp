@@ -3,7 +3,6 @@
 #include "knothe/model/grid/grid_solutions.hpp"
 #include "knothe/offline/full_order/offline.hpp"
 #include "knothe/offline/latin/latin_pgd.hpp"
-#include "knothe/offline/latin/latin_separated.hpp"
 
 namespace knothe::offline {
 
@@ -12,7 +11,6 @@ namespace knothe::offline {
 struct LatinModel {
   model::GridSolutions grid;
   LatinSolution solution;
-  std::vector<SeparatedIteration> separated;  ///< global stages, if it was found in the fully separated form
 };
 
 /// Solves at all grid points of the axes ("Y0", "Ad") together. If `parts_folder` is not empty, a run that is
@@ -22,12 +20,6 @@ struct LatinModel {
 [[nodiscard]] LatinModel solve_latin_grid(const BeamProblem& problem, const std::vector<model::Axis>& axes,
                                           LatinOptions options, const std::string& parts_folder = {},
                                           const std::string& start_file = {});
-
-/// The same in the fully separated form; `grid.terms` holds it. Interruption as above.
-[[nodiscard]] LatinModel solve_separated_grid(const BeamProblem& problem,
-                                              const std::vector<model::Axis>& axes, SeparatedOptions options,
-                                              const std::string& parts_folder = {},
-                                              const std::string& start_file = {});
 
 /// Grid points at which some window was left before it was accurate, with the number of such windows each.
 [[nodiscard]] std::vector<std::pair<std::size_t, int>> inaccurate_points(const LatinSolution& solution);

@@ -26,16 +26,6 @@ void LatinOptions::validate() const {
     refuse(fmt::format("activation is {}; it must be between 0 and 1", activation));
 }
 
-void require_latin_problem(const SolverOptions& loading, std::span<const DamageParameters> parameters) {
-  loading.validate();
-  if (parameters.empty()) throw UsageError("LATIN-PGD: no parameter point is given");
-  for (const DamageParameters& point : parameters) point.validate();
-  if (loading.regularisation.kind == DamageRegularisation::gradient)
-    throw ProjectError(
-        "LATIN-PGD cannot do gradient damage: its local stage is one Gauss point's, and the averaged strain "
-        "is that of all; take method = \"snapshots\", or regularisation = \"crack-band\"");
-}
-
 VectorXd LatinSolution::displacement(const Structure& structure, std::size_t step, Index point) const {
   const auto c = coordinates[step].col(point);
   return c[0] * Eigen::Map<const VectorXd>(structure.unit_lift().data(), structure.dof_count()) +

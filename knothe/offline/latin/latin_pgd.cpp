@@ -26,6 +26,9 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
+constexpr double k_microseconds_between_saves = 30e6;
+constexpr std::size_t k_batch = 32;  // lanes of a batch; fixed, so that results do not depend on the threads
+
 class LatinPgd {
  public:
   LatinPgd(std::shared_ptr<const Structure> structure, const SolverOptions& loading,
@@ -94,8 +97,17 @@ LatinPgd::LatinPgd(std::shared_ptr<const Structure> structure, const SolverOptio
 }
 
 LaneBatch LatinPgd::make_batch(std::span<const int> points) const {
-  LaneBatch batch = make_lanes(points, parameters_, body_.point_count());
-  for (Index i = 0; i < batch.size(); ++i) batch.history.row(i) = history_.row(batch.points[i]);
+  LaneBatch batch;
+  batch.points.assign(points.begin(), points.end());
+  batch.threshold = VectorXd::Constant(batch.padded(), k_never);
+  batch.brittleness = VectorXd::Zero(batch.padded());
+  batch.history = MatrixXd::Zero(batch.padded(), body_.point_count());
+  for (Index i = 0; i < batch.size(); ++i) {
+    const int point = batch.points[i];
+    batch.threshold[i] = parameters_[point].threshold;
+    batch.brittleness[i] = parameters_[point].brittleness;
+    batch.history.row(i) = history_.row(point);
+  }
   return batch;
 }
 
@@ -107,11 +119,11 @@ std::vector<LatinStageResult> LatinPgd::global_stage(const std::vector<int>& poi
                          first_,         last_,
                          fresh,          rescue,
                          expected_};
-  std::vector<LatinStageResult> results((points.size() + k_lanes_of_a_batch - 1) / k_lanes_of_a_batch);
+  std::vector<LatinStageResult> results((points.size() + k_batch - 1) / k_batch);
   parallel_for(results.size(), options_.threads, [&](std::size_t b) {
-    const std::size_t begin = b * k_lanes_of_a_batch;
-    results[b] = stage.run(
-        make_batch(std::span(points).subspan(begin, std::min(k_lanes_of_a_batch, points.size() - begin))));
+    const std::size_t begin = b * k_batch;
+    results[b] =
+        stage.run(make_batch(std::span(points).subspan(begin, std::min(k_batch, points.size() - begin))));
   });
   return results;
 }
@@ -286,7 +298,7 @@ void LatinPgd::recompress() {
 
 void LatinPgd::resume() {
   if (options_.state_file.empty()) return;
-  std::optional<LatinState> state = read_state<LatinState>(options_.key, options_.state_file);
+  std::optional<LatinState> state = read_state(options_.key, options_.state_file);
   if (!state) return;
   basis_.join(body_, state->cells);
   basis_.restore(state->modes);
@@ -352,7 +364,13 @@ LatinSolution LatinPgd::run() {
 LatinSolution solve_latin_pgd(std::shared_ptr<const Structure> structure, const SolverOptions& loading,
                               std::span<const DamageParameters> parameters, const LatinOptions& options) {
   options.validate();
-  require_latin_problem(loading, parameters);
+  loading.validate();
+  if (parameters.empty()) throw UsageError("LATIN-PGD: no parameter point is given");
+  for (const DamageParameters& point : parameters) point.validate();
+  if (loading.regularisation.kind == DamageRegularisation::gradient)
+    throw ProjectError(
+        "LATIN-PGD cannot do gradient damage: its local stage is one Gauss point's, and the averaged strain "
+        "is that of all; take method = \"snapshots\", or regularisation = \"crack-band\"");
   return LatinPgd(std::move(structure), loading, parameters, options).run();
 }
 

@@ -83,7 +83,4 @@ struct LatinSolution {
                                             std::span<const DamageParameters> parameters,
                                             const LatinOptions& options);
 
-/// What neither form of LATIN-PGD can solve is refused: ProjectError, UsageError (no parameter point).
-void require_latin_problem(const SolverOptions& loading, std::span<const DamageParameters> parameters);
-
 }  // namespace knothe::offline

@@ -386,6 +386,12 @@ TEST(LatinPgd, OptionsThatMakeNoSenseAreNamed) {
   } catch (const NumericalError& error) {
     EXPECT_THAT(error.what(), HasSubstr("2 space modes do not reach an accuracy of 1e-07 m"));
   }
+  EXPECT_THAT([&] { (void)solve_latin_pgd(structure, problem.solver, {}, {}); },
+              testing::ThrowsMessage<UsageError>(HasSubstr("no parameter point is given")));
+  SolverOptions gradient = problem.solver;
+  gradient.regularisation.kind = DamageRegularisation::gradient;
+  EXPECT_THAT([&] { (void)solve_latin_pgd(structure, gradient, std::vector<DamageParameters>(1), {}); },
+              testing::ThrowsMessage<ProjectError>(HasSubstr("LATIN-PGD cannot do gradient damage")));
 }
 
 }  // namespace

@@ -22,10 +22,6 @@ auto numbers_of(LatinIteration& it) {
   return std::tie(it.first_step, it.last_step, it.round, it.working_modes, it.archived_modes, it.lanes,
                   it.residual, it.correction, it.indicator, it.cpu_seconds);
 }
-auto numbers_of(SeparatedIteration& it) {
-  return std::tie(it.steps, it.round, it.terms, it.space_modes, it.energy_error, it.residual, it.correction,
-                  it.indicator, it.relaxation, it.cpu_seconds);
-}
 
 struct Saver {
   files::Hdf5Writer& file;
@@ -50,11 +46,10 @@ struct Saver {
   void cells(const std::vector<std::int64_t>& cells) const {
     if (!cells.empty()) file.write_integers("/cells", cells, {cells.size()}, {"1", "active cells"});
   }
-  template <class Iteration>
-  void history(std::vector<Iteration> history) const {
+  void history(std::vector<LatinIteration> history) const {
     MatrixXd table(10, std::ssize(history));
     double* to = table.data();
-    for (Iteration& it : history)
+    for (LatinIteration& it : history)
       std::apply([&](auto... number) { ((*to++ = number), ...); }, numbers_of(it));
     matrix("/stages", table);
   }
@@ -87,14 +82,13 @@ struct Loader {
   void cells(std::vector<std::int64_t>& cells) const {
     if (file.has("/cells")) cells = file.read_integers("/cells");
   }
-  template <class Iteration>
-  void history(std::vector<Iteration>& history) const {
+  void history(std::vector<LatinIteration>& history) const {
     MatrixXd table;
     matrix("/stages", table);
     if (table.rows() != 10) throw DataError("/stages: not ten numbers each");
     history.resize(table.cols());
     const double* from = table.data();
-    for (Iteration& it : history)
+    for (LatinIteration& it : history)
       std::apply([&](auto&... n) { ((n = static_cast<std::decay_t<decltype(n)>>(*from++)), ...); },
                  numbers_of(it));
   }
@@ -102,38 +96,25 @@ struct Loader {
 
 /// Every member, for both ways.
 void transfer(const auto& archive, auto& state) {
-  const auto outcome = [&](auto& of) {
-    archive.history(of.history);
-    archive.number("local_points", of.local_points);
-    archive.number("cpu_seconds", of.cpu_seconds);
-  };
   archive.matrix("/modes/displacements", state.modes.displacements);
   archive.matrix("/modes/forces", state.modes.forces);
   archive.matrix("/modes/directions", state.modes.directions);
   archive.cells(state.cells);
-  if constexpr (requires { state.solution; }) {
-    outcome(state.solution);
-    archive.number("next_step", state.next_step);
-    archive.matrix("/history", state.history);
-    archive.matrix("/expanded", state.expanded);
-    archive.matrix("/residual", state.solution.residual);
-    archive.matrix("/reaction", state.solution.reaction);
-    archive.whole("/accepted", state.solution.accepted);
-    archive.matrices("/coordinates", "steps", state.solution.coordinates);
-  } else {
-    outcome(state);
-    archive.matrix("/terms/space", state.terms.space);
-    archive.matrix("/terms/time", state.terms.time);
-    archive.matrices("/terms/parameters", "axes", state.terms.parameters);
-    archive.number("relaxation", state.relaxation);
-    archive.number("indicator", state.indicator);
-  }
+  archive.history(state.solution.history);
+  archive.number("local_points", state.solution.local_points);
+  archive.number("cpu_seconds", state.solution.cpu_seconds);
+  archive.number("next_step", state.next_step);
+  archive.matrix("/history", state.history);
+  archive.matrix("/expanded", state.expanded);
+  archive.matrix("/residual", state.solution.residual);
+  archive.matrix("/reaction", state.solution.reaction);
+  archive.whole("/accepted", state.solution.accepted);
+  archive.matrices("/coordinates", "steps", state.solution.coordinates);
 }
 
 }  // namespace
 
-template <class State>
-void write_state(const State& state, const std::string& key, const std::string& path) {
+void write_state(const LatinState& state, const std::string& key, const std::string& path) {
   files::write_atomically(path, [&](const std::string& temporary) {
     files::Hdf5Writer file(temporary);
     transfer(Saver{file}, state);
@@ -142,23 +123,17 @@ void write_state(const State& state, const std::string& key, const std::string& 
   });
 }
 
-template <class State>
-std::optional<State> read_state(const std::string& key, const std::string& path) {
+std::optional<LatinState> read_state(const std::string& key, const std::string& path) {
   if (!std::filesystem::exists(path)) return std::nullopt;
   try {
     const files::Hdf5Reader file(path);
     if (file.text_attribute("/", "key") != key) return std::nullopt;
-    State state;
+    LatinState state;
     transfer(Loader{file}, state);
     return state;
   } catch (const DataError&) {
     return std::nullopt;  // computed again and replaced
   }
 }
-
-template void write_state(const LatinState&, const std::string&, const std::string&);
-template void write_state(const SeparatedState&, const std::string&, const std::string&);
-template std::optional<LatinState> read_state(const std::string&, const std::string&);
-template std::optional<SeparatedState> read_state(const std::string&, const std::string&);
 
 }  // namespace knothe::offline

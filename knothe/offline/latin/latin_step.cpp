@@ -22,21 +22,6 @@ bool solve_in_place(MatrixXd matrix, VectorXd& x) {
 
 }  // namespace
 
-LaneBatch make_lanes(std::span<const int> points, std::span<const DamageParameters> parameters,
-                     Index gauss_points) {
-  LaneBatch batch;
-  batch.points.assign(points.begin(), points.end());
-  batch.threshold = VectorXd::Constant(batch.padded(), k_never);
-  batch.brittleness = VectorXd::Zero(batch.padded());
-  batch.history = MatrixXd::Zero(batch.padded(), gauss_points);
-  for (Index i = 0; i < batch.size(); ++i) {
-    const std::size_t point = batch.points[i];
-    batch.threshold[i] = parameters[point].threshold;
-    batch.brittleness[i] = parameters[point].brittleness;
-  }
-  return batch;
-}
-
 LaneBatch LaneBatch::only(const std::vector<Index>& kept) const {
   LaneBatch part;
   for (const Index lane : kept) part.points.push_back(points[lane]);

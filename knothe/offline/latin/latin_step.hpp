@@ -2,7 +2,6 @@
 /// @file One load step of LATIN-PGD for a batch of parameter points: local stage, and the global stage's
 /// small problems in the space of the modes (docs/explanation/latin.md).
 #include <Eigen/Core>
-#include <span>
 #include <vector>
 
 #include "knothe/base/index.hpp"
@@ -29,13 +28,6 @@ struct LaneBatch {
   /// The lanes `kept` (positions in this batch) alone.
   [[nodiscard]] LaneBatch only(const std::vector<Index>& kept) const;
 };
-
-/// Lanes of a batch: fixed, so that results do not depend on the threads.
-inline constexpr std::size_t k_lanes_of_a_batch = 32;
-
-/// Undamaged lanes of these grid points; `parameters` of all points.
-[[nodiscard]] LaneBatch make_lanes(std::span<const int> points, std::span<const DamageParameters> parameters,
-                                   Index gauss_points);
 
 /// Local stage and projected equations at given coordinates.
 class LatinLocalResult {
