@@ -86,7 +86,7 @@ class Twin {
     forget_stale();
     std::optional<assimilation::StepResult> concluded;
     try {
-      concluded = engine_->conclude(datum.step);
+      concluded = engine_->posterior_at(datum.step);
     } catch (...) {  // interrupted, or an error: as if the datum had not come
       withdraw(datum.step, datum.key);
       throw;
@@ -106,7 +106,7 @@ class Twin {
   [[nodiscard]] SharedResult result(std::size_t step) {
     if (engine_->data().count(step) == 0) throw UsageError(fault(step) + " is not assimilated");
     SharedResult& kept = results_[step];
-    if (!kept) kept = std::make_shared<Result>(Result{engine_->conclude(step), priors_, axes_});
+    if (!kept) kept = std::make_shared<Result>(Result{engine_->posterior_at(step), priors_, axes_});
     return kept;
   }
   /// As `posterior.nc` has them: parameters, log-likelihood of the step's datum, predicted data with noise.

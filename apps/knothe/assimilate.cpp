@@ -73,7 +73,7 @@ int assimilate(const AssimilateArguments& arguments) {
       assimilation::StepResult result = engine->assimilate(datum);
       const bool is_last = datum.step + 1 == data.size();
       if (refinement && refinement->refine_if_needed(engine, result, is_last)) {
-        output.tell(*refinement);
+        output.report_refinement(*refinement);
         results.use(*refinement);
       }
       mean = result.update.mean;

@@ -31,22 +31,8 @@ struct Assimilation::Implementation {
   [[nodiscard]] Posterior posterior() {
     const auto last = engine.last_step();
     if (!last) return {};
-    const assimilation::UpdateResult result = engine.conclude(*last).update;
-    Posterior p;
-    p.mean = plain(result.mean);
-    p.covariance = plain(result.covariance);
-    p.maximum_a_posteriori = plain(result.maximum_a_posteriori);
-    p.levels.assign(numerics::k_quantile_levels.begin(), numerics::k_quantile_levels.end());
-    p.quantiles = plain(result.quantiles);
-    p.points = plain(result.points);
-    p.weights = plain(result.weights);
-    p.log_evidence = result.log_evidence;
-    p.map_order = result.map_order;
-    p.variance_diagnostic = result.variance_diagnostic;
-    p.effective_sample_size = result.effective_sample_size;
-    p.tolerance_reached = result.tolerance_reached;
-    p.trusted = result.trusted;
-    p.remark = result.remark;
+    const assimilation::UpdateResult result = engine.posterior_at(*last).update;
+    Posterior p = plain(result);
     p.verdict = verdict_of(result.verdict);
     return p;
   }

@@ -7,6 +7,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/library/posterior.hpp"
+#include "knothe/posterior/posterior.hpp"
 
 namespace knothe::library {
 
@@ -20,6 +21,24 @@ using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::Ro
   std::vector<double> rows(matrix.size());
   Eigen::Map<RowMajor>(rows.data(), matrix.rows(), matrix.cols()) = matrix;
   return rows;
+}
+[[nodiscard]] inline Posterior plain(const posterior::Posterior& r) {
+  Posterior p;
+  p.mean = plain(r.mean);
+  p.covariance = plain(r.covariance);
+  p.maximum_a_posteriori = plain(r.maximum_a_posteriori);
+  p.levels.assign(numerics::k_quantile_levels.begin(), numerics::k_quantile_levels.end());
+  p.quantiles = plain(r.quantiles);
+  p.points = plain(r.points);
+  p.weights = plain(r.weights);
+  p.log_evidence = r.log_evidence;
+  p.map_order = r.map_order;
+  p.variance_diagnostic = r.variance_diagnostic;
+  p.effective_sample_size = r.effective_sample_size;
+  p.tolerance_reached = r.tolerance_reached;
+  p.trusted = r.trusted;
+  p.remark = r.remark;
+  return p;
 }
 [[nodiscard]] inline Eigen::VectorXd vector_of(std::span<const double> values) {
   return Eigen::Map<const Eigen::VectorXd>(values.data(), std::ssize(values));

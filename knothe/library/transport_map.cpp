@@ -14,7 +14,7 @@
 #include "knothe/posterior/map/map_file.hpp"
 #include "knothe/posterior/map/samples/map_distribution.hpp"
 #include "knothe/posterior/map/samples/sample_map.hpp"
-#include "knothe/posterior/map/solve/map_solver.hpp"
+#include "knothe/posterior/solve.hpp"
 
 namespace knothe {
 
@@ -222,28 +222,14 @@ void check_gradient(const Density& density) {
   }
 }
 
-Posterior posterior_of(const posterior::MapResult& solved, const posterior::ImportanceCorrection& corrected) {
-  Posterior posterior;
-  posterior.mean = plain(corrected.mean);
-  posterior.covariance = plain(corrected.covariance);
-  posterior.maximum_a_posteriori = plain(solved.mode);
-  posterior.levels.assign(numerics::k_quantile_levels.begin(), numerics::k_quantile_levels.end());
-  posterior.quantiles = plain(corrected.quantiles);
-  posterior.points = plain(corrected.points);
-  posterior.weights = plain(corrected.weights);
-  posterior.log_evidence = corrected.log_evidence;
-  posterior.map_order = solved.order;
-  posterior.variance_diagnostic = solved.verified_diagnostic;
-  posterior.effective_sample_size = corrected.ess;
-  posterior.tolerance_reached = solved.tolerance_reached;
-  posterior.trusted = corrected.trust.trusted;
-  posterior.remark = corrected.trust.trusted ? solved.reason : corrected.trust.reason;
-  return posterior;
+Eigen::MatrixXd as_they_are(const Eigen::MatrixXd& points) {
+  return points;
 }
 
 /// What no map represents may be nearly Gaussian once a few variables are known: then these answers instead
 /// of the map's own, if they are good. `posterior` is not trusted.
-void answer_by_few_variables_first(posterior::LogDensity& target, std::uint64_t seed, Posterior& posterior) {
+void answer_by_few_variables_first(posterior::LogDensity& target, std::uint64_t seed,
+                                   posterior::Posterior& r) {
   posterior::NestedLaplaceOptions options;
   options.seed = seed;
   posterior::NestedLaplaceResult draws;
@@ -254,19 +240,19 @@ void answer_by_few_variables_first(posterior::LogDensity& target, std::uint64_t 
   }
   if (!draws.converged) return;
   const posterior::WeightedSample& sample = draws.sample;
-  posterior.mean = plain(posterior::mean_of(sample));
-  posterior.covariance = plain(posterior::covariance_of(sample));
-  posterior.quantiles = plain(numerics::weighted_quantiles(sample.points, sample.weights));
-  posterior.points = plain(sample.points);
-  posterior.weights = plain(sample.weights);
-  posterior.log_evidence = sample.log_evidence;
-  posterior.effective_sample_size = sample.effective_size / sample.weights.size();
-  posterior.trusted = true;
-  posterior.remark = fmt::format(
-      "the map is not trusted ({}); the posterior is by weighted draws, variable{} {} first: a mean is off "
-      "by at most {:.2f} standard deviations, a standard deviation by {:.1f} %",
-      posterior.remark, draws.first.size() > 1 ? "s" : "", fmt::join(draws.first, ", "), draws.mean_error,
-      100 * draws.deviation_error);
+  r.points = sample.points;
+  r.weights = sample.weights;
+  r.summarise();
+  r.quantiles = numerics::weighted_quantiles(sample.points, sample.weights);
+  r.log_evidence = sample.log_evidence;
+  r.effective_sample_size = sample.effective_size / sample.weights.size();
+  r.set_trust(
+      {.trusted = true, .figures = {}, .reason = {}},
+      fmt::format(
+          "the map is not trusted ({}); the posterior is by weighted draws, variable{} {} first: a mean is "
+          "off by at most {:.2f} standard deviations, a standard deviation by {:.1f} %",
+          r.remark, draws.first.size() > 1 ? "s" : "", fmt::join(draws.first, ", "), draws.mean_error,
+          100 * draws.deviation_error));
 }
 
 }  // namespace
@@ -284,12 +270,14 @@ MapSolution solve_map(const Density& density, const MapOptions& options) {
   posterior::MapSolver solver(settings);
   FunctionDensity target(density);
   const posterior::MapResult solved = solver.solve(target);
-  Posterior posterior = posterior_of(solved, solver.correct(target, solved));
-  TransportMap map(std::make_shared<TransportMap::Implementation>(TransportMap::Implementation{
-      posterior::MapDistribution(solved.composed()), posterior.trusted, posterior.remark}));
-  if (!posterior.trusted && !solved.second_mode_found && density.gradient && density.dimension > 1)
-    answer_by_few_variables_first(target, options.seed, posterior);
-  return {std::move(map), std::move(posterior)};
+  posterior::Posterior r;
+  posterior::set_from_map(solved, solver.correct(target, solved), as_they_are, r);
+  r.maximum_a_posteriori = solved.mode;
+  TransportMap map(std::make_shared<TransportMap::Implementation>(
+      TransportMap::Implementation{posterior::MapDistribution(solved.composed()), r.trusted, r.remark}));
+  if (!r.trusted && !solved.second_mode_found && density.gradient && density.dimension > 1)
+    answer_by_few_variables_first(target, options.seed, r);
+  return {std::move(map), plain(r)};
 }
 
 }  // namespace knothe

@@ -58,7 +58,7 @@ void settle_units(const model::ScalarObservation& sensor, const std::string& sou
 }
 
 /// The noise with the errors that observed series have at all times: what is shared by the values of one, and
-/// that their clock is off by. `by_clock`: what the latter does to displacements, n × n_t, m per unit of
+/// that their clock is ahead by. `by_clock`: what the latter does to displacements, n × n_t, m per unit of
 /// time, where the series tell the time of the data; then it does nothing to the series themselves. Else
 /// empty.
 likelihood::NoiseModel with_shared_errors(const likelihood::Measurements& m,
@@ -66,6 +66,7 @@ likelihood::NoiseModel with_shared_errors(const likelihood::Measurements& m,
   const std::vector<std::string>& names = m.sensors.scalars;
   const Eigen::Index displacements = m.values.rows() - std::ssize(names);
   std::vector<Eigen::MatrixXd> factors(m.time.size(), Eigen::MatrixXd(m.values.rows(), 0));
+  std::vector<likelihood::LastingError> errors;
   const auto add_column = [](Eigen::MatrixXd& factor) {
     factor.conservativeResize(Eigen::NoChange, factor.cols() + 1);
     factor.rightCols<1>().setZero();
@@ -73,18 +74,21 @@ likelihood::NoiseModel with_shared_errors(const likelihood::Measurements& m,
   };
   for (std::size_t k = 0; k < names.size(); ++k) {
     const std::vector<double>& std = m.series.at(names[k]).shared_std;
+    if (!std.empty()) errors.push_back({names[k], 1});
     for (std::size_t t = 0; t < std.size(); ++t) add_column(factors[t])(displacements + k) = std[t];
   }
+  if (m.series_time_std > 0) errors.push_back({"time_offset", m.series_time_std});
   for (std::size_t t = 0; m.series_time_std > 0 && t < factors.size(); ++t) {
     auto column = add_column(factors[t]);
     if (by_clock.size() > 0) column.head(displacements) = m.series_time_std * by_clock.col(t);
     for (std::size_t k = 0; by_clock.size() == 0 && k < names.size(); ++k) {
       const double rate = m.series.at(names[k]).rate[t];
-      if (!std::isnan(rate)) column(displacements + k) = m.series_time_std * rate;
+      if (!std::isnan(rate)) column(displacements + k) = -m.series_time_std * rate;
     }
   }
-  return factors.empty() || factors.front().cols() == 0 ? m.noise
-                                                        : m.noise.with_lasting_errors(std::move(factors));
+  return factors.empty() || factors.front().cols() == 0
+             ? m.noise
+             : m.noise.with_lasting_errors({std::move(errors), std::move(factors)});
 }
 
 /// Rows for the series that are observed.

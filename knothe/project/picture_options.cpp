@@ -175,9 +175,9 @@ struct Recorded {
 const Section<Recorded>& data_section() {
   static const Section<Recorded> k_section("data", "", [](Section<Recorded>& s) {
     s.add("pictures", &Recorded::folder,
-          "Folder of pictures instead of measurements (`knothe dic`, `knothe assimilate`); those whose names "
-          "begin with `reference` are the references, else the first is; a table `pictures.csv` "
-          "(`time,file`) in it gives the times.",
+          "Folder of pictures (`knothe dic`, `knothe assimilate`), alone or with the series of `data.file`; "
+          "those whose names begin with `reference` are the references, else the first is; a table "
+          "`pictures.csv` (`time,file`) in it gives the times.",
           file);
     s.add("times", &Recorded::times, "Model time of each deformed picture.");
   });

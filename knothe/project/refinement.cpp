@@ -208,7 +208,7 @@ bool Refinement::refine(std::unique_ptr<assimilation::Engine>& engine, assimilat
     if (points.empty() && used_ == solutions_.size()) break;
     solve(points);
     engine = with_refined_model(*engine, result.update);
-    assimilation::StepResult next = engine->conclude(result.update.step);
+    assimilation::StepResult next = engine->posterior_at(result.update.step);
     last_move_ = move_between(result.update, next.update);
     result = std::move(next);
     const auto within = [&](double share) {

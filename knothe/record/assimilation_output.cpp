@@ -121,7 +121,7 @@ void AssimilationOutput::print_text(const assimilation::StepResult& result, doub
   std::fflush(stdout);
 }
 
-void AssimilationOutput::tell(const project::Refinement& refinement) {
+void AssimilationOutput::report_refinement(const project::Refinement& refinement) {
   run_.forget_model();
   const project::PosteriorMove& move = refinement.whole_move();
   fmt::print(stderr,

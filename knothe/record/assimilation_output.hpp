@@ -23,7 +23,7 @@ class AssimilationOutput {
   void show(const assimilation::StepResult& result, const std::optional<project::PictureDatum>& picture,
             const project::PictureMeasurements* pictures);
   /// The model was refined at the step that is shown next.
-  void tell(const project::Refinement& refinement);
+  void report_refinement(const project::Refinement& refinement);
   /// All steps are done.
   void finish(double elapsed_s, const std::string& results_folder);
   [[nodiscard]] assimilation::Verdict verdict() const { return run_.verdict(); }  ///< of the steps so far

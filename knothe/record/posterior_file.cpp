@@ -330,9 +330,9 @@ class Writer {
 
 KeptStep retain_step(const assimilation::StepResult& result, likelihood::Datum datum,
                      const model::ObservedModel* observed) {
-  KeptStep kept{result.update, std::move(datum), result.forecasts, result.bias_sensors};
-  if (result.bias_functions.size() > 0 && observed != nullptr)
-    kept.bias = observed->space * (observed->core[kept.datum.time_index] * result.bias_functions);
+  KeptStep kept{result.update, std::move(datum), result.forecasts, result.bias.sensors};
+  if (result.bias.functions.size() > 0 && observed != nullptr)
+    kept.bias = observed->space * (observed->core[kept.datum.time_index] * result.bias.functions);
   for (assimilation::NamedForecast& forecast : kept.forecasts)
     forecast.forecast.points.clear(), forecast.forecast.density.clear();
   return kept;

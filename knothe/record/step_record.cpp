@@ -137,6 +137,8 @@ Json step_record(const assimilation::StepResult& result, std::span<const model::
   if (!result.absent.empty()) record["absent"] = result.absent;
   if (!result.scores.empty()) record["scores"] = score_records(result.scores);
   if (!result.models.empty()) record["models"] = model_records(result.models);
+  for (const assimilation::EstimatedError& error : result.lasting_errors)
+    record["nuisances"][error.name] = {{"mean", error.mean}, {"std", error.std}};
   return record;
 }
 

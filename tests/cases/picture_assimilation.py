@@ -1,10 +1,68 @@
 """Pictures in `knothe simulate --images` and `knothe assimilate`: from drawn pictures to the posterior of the parameters that
 drew them."""
+import json
 import math
+import pathlib
+import random
 import struct
+import subprocess
 import unittest
 
-from support import Case
+import analytic_model
+from support import Case, python_with
+
+TRUTH = (1.06, 0.96)
+
+# The force of machine.csv, linear between its values, beside the displacements of u.h5.
+ADD_FORCE = """
+import h5py, numpy
+table = numpy.loadtxt("machine.csv", delimiter=",", skiprows=1)
+with h5py.File("u.h5", "a") as file:
+    file["outputs/reaction_force"] = numpy.interp(file["time"], table[:, 0], table[:, 2])
+"""
+
+# Mean and standard deviations of the parameters, on a grid, with the covariance of all displacements of all pictures.
+QUADRATURE = """
+import json, sys
+import h5py, numpy
+sys.path.insert(0, sys.argv[1])
+import analytic_model
+with h5py.File("u.h5") as file:
+    time, values = file["time"][:], file["values"][:]
+    points, component, force = file["dofs/points"][:], file["dofs/component"][:], file["outputs/reaction_force"][:]
+    csr, pictures = file["noise/precision"], file["noise"].attrs.get("shared_reference")
+    if pictures is None:
+        pictures = file["noise/precision"].attrs["shared_reference"]
+    n = len(component)
+    precision = numpy.zeros((n, n))
+    for i in range(n):
+        row = slice(csr["indptr"][i], csr["indptr"][i + 1])
+        precision[i, csr["indices"][row]] = csr["data"][row]
+one = numpy.linalg.inv(precision)
+shared = one / (int(pictures) + 1)
+whole = numpy.kron(numpy.eye(len(time)), one - shared) + numpy.kron(numpy.ones((len(time), len(time))), shared)
+inverse = numpy.linalg.inv(whole)
+y0, ad = numpy.linspace(0.5, 1.5, 61), numpy.linspace(0.5, 1.5, 61)
+
+shapes = [analytic_model.shapes(int(c), tuple(x)) for c, x in zip(component, points)]
+elastic, others = numpy.array([s[0] for s in shapes]), numpy.array([s[1] for s in shapes])
+
+def log_posterior(a, b):
+    misfit = numpy.concatenate([values[i] - 4e-4 * t * elastic - others @ analytic_model.factors(t, a, b)
+                                for i, t in enumerate(time)])
+    cell = numpy.array([force[i] - analytic_model.reaction_force(t, a, b) for i, t in enumerate(time)])
+    return -0.5 * (misfit @ inverse @ misfit + (cell**2).sum() / 36 + ((a - 0.9) ** 2 + (b - 1.1) ** 2) / 0.2)
+
+for _ in range(4):  # narrower about the mass
+    table = numpy.array([[log_posterior(a, b) for b in ad] for a in y0])
+    weight = numpy.exp(table - table.max())
+    weight /= weight.sum()
+    mean = [(weight.sum(1) * y0).sum(), (weight.sum(0) * ad).sum()]
+    std = [max(((weight.sum(1) * (y0 - mean[0]) ** 2).sum()) ** 0.5, (y0[1] - y0[0])),
+           max(((weight.sum(0) * (ad - mean[1]) ** 2).sum()) ** 0.5, (ad[1] - ad[0]))]
+    y0, ad = (numpy.linspace(max(0.5, m - 6 * s), min(1.5, m + 6 * s), 61) for m, s in zip(mean, std))
+print(json.dumps({"mean": mean, "std": std}))
+"""
 
 
 def shift_picture(path, pixels):
@@ -161,6 +219,87 @@ class Test(Case):
         self.edit("#scale = ", "scale = ")
         self.edit('pictures = "pictures/"', 'pictures = "nothing/"')
         self.expect(4, "assimilate", self.project_name, stderr="no such folder of pictures")
+
+    # A load cell and a clock beside the camera
+
+    def machine(self, rows, header="time [s],imposed_displacement [m],reaction_force [N]"):
+        (self.folder / "machine.csv").write_text("\n".join([header, *(",".join(map(repr, row)) for row in rows)]) + "\n")
+
+    def with_machine(self, lines="", std="reaction_force = 6.0"):
+        self.edit('pictures = "pictures/"\n', f'pictures = "pictures/"\nfile = "machine.csv"\n{lines}\n[data.std]\n{std}\n\n')
+
+    def run_python(self, script, *arguments):
+        done = subprocess.run([python_with("h5py", "numpy"), "-c", script, *map(str, arguments)], cwd=self.folder,
+                              capture_output=True, text=True, timeout=200)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return json.loads(done.stdout or "null")
+
+    def test_a_load_cell_beside_the_pictures(self):
+        """The force at times of its own, in one posterior with the pictures: as by the displacements in a file with the force at
+        their times, and as by dense quadrature of both with the formula and the whole covariance of all pictures."""
+        if python_with("h5py", "numpy") is None:
+            self.skipTest("no python3 with h5py here")
+        self.edit('mesh = "model"', 'mesh = "model"\ntolerance = 1e-5')
+        self.draw()
+        noise = random.Random(7)
+        rows = [(k / 37, 4e-4 * k / 37, analytic_model.reaction_force(k / 37, *TRUTH) + noise.gauss(0, 6)) for k in range(38)]
+        self.machine(rows)
+        alone = self.assimilate()[-1]
+        self.with_machine()
+        both = self.assimilate()
+        self.assertLess(both[-1]["covariance"][0][0], 0.8 * alone["covariance"][0][0])
+        self.expect(0, "dic", self.project_name, "-o", "u.h5")
+        self.run_python(ADD_FORCE)
+        judge = self.run_python(QUADRATURE, pathlib.Path(__file__).parent)
+        for k in range(2):
+            std = math.sqrt(both[-1]["covariance"][k][k])
+            self.assertAlmostEqual(both[-1]["mean"][k], judge["mean"][k], delta=0.05 * std)
+            self.assertAlmostEqual(std, judge["std"][k], delta=0.05 * std)
+        self.edit('pictures = "pictures/"\nfile = "machine.csv"', 'file = "u.h5"')
+        for one, other in zip(both, self.assimilate()):
+            for k in range(2):
+                self.assertAlmostEqual(one["mean"][k], other["mean"][k], delta=1e-6)
+
+    def test_a_clock_of_the_machine_that_is_off_from_the_cameras(self):
+        """Times in seconds; the machine's stroke tells how far the test is, and its clock is 0.6 s ahead."""
+        self.draw()
+        table = (self.folder / "pictures" / "pictures.csv").read_text().splitlines()
+        times = [f"{60 * float(line.split(',')[0])!r},{line.split(',')[1]}" for line in table[1:]]
+        (self.folder / "pictures" / "pictures.csv").write_text("\n".join([table[0], *times]) + "\n")
+        at = [0.25 * k for k in range(260)]
+        self.machine([(s, 4e-4 * (s - 0.6) / 60, analytic_model.reaction_force((s - 0.6) / 60, *TRUTH)) for s in at])
+        std = "imposed_displacement = 1e-8\nreaction_force = 6.0"
+        self.with_machine('clock = "imposed_displacement"', std)
+
+        def worst(lines):
+            return max(abs(lines[-1]["mean"][k] - TRUTH[k]) / math.sqrt(lines[-1]["covariance"][k][k]) for k in range(2))
+
+        lines = self.assimilate(status=8)  # as if there were one clock
+        self.assertGreater(worst(lines), 10)
+        self.edit('clock = "imposed_displacement"\n', 'clock = "imposed_displacement"\ntime_offset_std = 1.0\n')
+        lines = self.assimilate()
+        self.assertLess(worst(lines), 3)
+        offset = lines[-1]["nuisances"]["time_offset"]
+        self.assertLess(abs(offset["mean"] - 0.6), 2.5 * offset["std"])
+        self.assertLess(offset["std"], 0.2)
+        self.assertAlmostEqual(lines[-1]["time"], (60 * float(table[-1].split(",")[0]) - 0.6) / 60, places=9)
+
+    def test_what_a_file_beside_pictures_lacks_is_told(self):
+        self.draw()
+        self.with_machine()
+        self.machine([(5.0, 0.0, 1.0), (6.0, 1e-4, 2.0)])
+        self.expect(4, "assimilate", self.project_name, stderr=["machine.csv", "its times, 5 to 6", "those of the pictures, 0.", "one clock"])
+        self.machine([(0.0, 0.0), (1.0, 1e-4)], "time,imposed_displacement")
+        self.expect(3, "assimilate", self.project_name,
+                    stderr=[self.position_of("reaction_force = 6.0"), "machine.csv has no series \"reaction_force\"", "imposed_displacement"])
+        self.machine([(0.0, 1.0), (0.0, 2.0)], "time,reaction_force")
+        self.expect(4, "assimilate", self.project_name, stderr=["machine.csv:3:1: error: the times of a table of series increase"])
+        self.machine([(0.0, 1.0), (1.0, 2.0)], "time,reaction_force (mm)")
+        self.expect(4, "assimilate", self.project_name, stderr=['"reaction_force" is in mm, in the model in N'])
+        (self.folder / "machine.csv").write_text("time,sensor,x,y,z,component,value,std\n0,a,0,0,0,x,1e-6,1e-6\n")
+        self.expect(4, "assimilate", self.project_name, stderr=["machine.csv: it holds displacements", "[data.sensors]"])
+        self.edit('file = "machine.csv"\n', "time_offset_std = 1.0\n")
+        self.expect(3, "assimilate", self.project_name, stderr=[self.position_of("time_offset_std"), "it needs both"])
 
 
 if __name__ == "__main__":

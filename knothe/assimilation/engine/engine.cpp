@@ -38,7 +38,7 @@ Engine Engine::with_setup(EngineSetup setup) const {
 
 StepResult Engine::assimilate(const Datum& datum) {
   add(datum);
-  return conclude(datum.step);
+  return posterior_at(datum.step);
 }
 
 void Engine::require_fits(const Datum& datum) const {
@@ -62,17 +62,17 @@ void Engine::add(const likelihood::DatumPointer& kept) {
   const Datum& datum = *kept;
   require_fits(datum);
   if (!data_.add(kept)) return;
-  std::vector<PosteriorMethod*> told;  // who has it, if a later one refuses it
-  const auto tell = [&](PosteriorMethod& method, std::size_t time_index) {
+  std::vector<PosteriorMethod*> added;  // who has it, if a later one refuses it
+  const auto add_to = [&](PosteriorMethod& method, std::size_t time_index) {
     method.add(kept, time_index);
-    told.push_back(&method);
+    added.push_back(&method);
   };
   try {
-    tell(*method_, datum.time_index);
+    add_to(*method_, datum.time_index);
     for (std::size_t k = 0; k < candidates_.size(); ++k)
-      tell(*candidates_[k], setup_.candidates[k].time_indices.at(datum.time_index));
+      add_to(*candidates_[k], setup_.candidates[k].time_indices.at(datum.time_index));
   } catch (...) {
-    for (PosteriorMethod* method : told) method->withdraw(datum.step, datum.key);
+    for (PosteriorMethod* method : added) method->withdraw(datum.step, datum.key);
     data_.withdraw(datum.step, datum.key);
     throw;
   }
@@ -98,21 +98,20 @@ void Engine::mark_changed(std::size_t step) {
   watched_.reset();
 }
 
-StepResult Engine::conclude(std::size_t step) {
+StepResult Engine::posterior_at(std::size_t step) {
   stale_.erase(step);
   const likelihood::DatumPointer last = data_.last(step);
-  auto scores = setup_.scores.look(step, last->time_index, last->values);
-  StepResult result = result_of(method_->conclude(step));
+  auto scores = setup_.scores.score(step, last->time_index, last->values);
+  StepResult result = result_of(method_->posterior_at(step));
   result.scores = std::move(scores);
   if (method_->sensors() != nullptr) result.sensors = *method_->sensors();
   if (setup_.watches_sensors) watch_sensors(step, result);
   if (!candidates_.empty()) compare_models(step, result);
-  if (const auto* update = method_->update(); update != nullptr && result.update.bias_corrected) {
-    result.bias_functions = update->discrepancy();
-    if (const auto* learnt = update->bias())
-      if (auto bias = learnt->latest()) result.bias_sensors = std::move(*bias);
+  if (const auto* update = method_->update()) {
+    if (result.update.bias_corrected) result.bias = update->bias();
+    result.lasting_errors = update->lasting_errors();
   }
-  setup_.scores.keep(step, result.update.time, result.update.points, result.update.weights);
+  setup_.scores.add_posterior(step, result.update.time, result.update.points, result.update.weights);
   assess(step, result);
   return result;
 }
@@ -147,7 +146,7 @@ void Engine::watch_sensors(std::size_t step, StepResult& result) {
   for (auto it = watched_ ? steps.upper_bound(*watched_) : steps.begin();
        it != steps.end() && it->first <= step; ++it) {
     const likelihood::Datum& last = *it->second.rbegin()->second;
-    watch_.look(last.values, setup_.model->predict(centre_, last.time_index));
+    watch_.observe(last.values, setup_.model->predict(centre_, last.time_index));
   }
   watched_ = step;
   result.stuck = watch_.stuck();
@@ -192,7 +191,7 @@ void Engine::compare_models(std::size_t step, StepResult& result) {
   std::vector<double> evidences = {result.update.log_evidence};
   for (std::size_t k = 0; k < candidates_.size(); ++k) {
     names.push_back(setup_.candidates[k].name);
-    evidences.push_back(candidates_[k]->conclude(step).log_evidence);
+    evidences.push_back(candidates_[k]->posterior_at(step).log_evidence);
   }
   result.models = assimilation::compare_models(names, evidences);
 }

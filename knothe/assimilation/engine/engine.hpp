@@ -48,7 +48,7 @@ class Engine {
   /// options of the update.
   [[nodiscard]] Engine with_setup(EngineSetup setup) const;
 
-  /// Adds a datum and gives the posterior of all data up to its step. The same as `add` and `conclude`.
+  /// Adds a datum and gives the posterior of all data up to its step. The same as `add` and `posterior_at`.
   StepResult assimilate(const likelihood::Datum& datum);
 
   /// Adds a datum; no posterior is made. One whose key is there at this step already is ignored. DataError
@@ -65,7 +65,7 @@ class Engine {
   /// The result of a step with data: posterior of all data of steps ≤ `step`, and what its monitor says. Goes
   /// on from the first step that has changed. `step` is not stale afterwards, even if this throws
   /// (NumericalError): the same would come again.
-  StepResult conclude(std::size_t step);
+  StepResult posterior_at(std::size_t step);
   /// The posterior alone, at once, whatever is stale before it. `step` stays stale.
   StepResult preview(std::size_t step);
 

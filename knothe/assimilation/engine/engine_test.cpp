@@ -85,7 +85,7 @@ NoiseModel correlated_noise(std::initializer_list<Eigen::Index> lost) {
 void conclude_all(Engine& engine, std::map<std::size_t, StepResult>& results) {
   while (!engine.stale().empty()) {
     const std::size_t step = *engine.stale().begin();
-    results[step] = engine.conclude(step);
+    results[step] = engine.posterior_at(step);
   }
 }
 
@@ -134,7 +134,7 @@ void expect_a_function_of_the_data(const EngineSetup& setup, const std::vector<D
     extra.key = {"extra", "", 1};
     extra.values *= 1.1;
     other.add(extra);
-    if (k % 2 == 0) (void)other.conclude(*other.stale().rbegin());
+    if (k % 2 == 0) (void)other.posterior_at(*other.stale().rbegin());
     if (k % 2 == 1) (void)other.preview(*other.stale().rbegin());
     EXPECT_TRUE(other.withdraw(extra.step, extra.key));
     EXPECT_FALSE(other.withdraw(extra.step, extra.key));
@@ -174,12 +174,12 @@ TEST(Engine, NeitherOrderNorDuplicatesChangeABit) {
     for (std::size_t i = 0; i < sequence.size(); ++i) {
       shuffled.add(sequence[i]);
       // What was shown in between must not matter.
-      if (k == 0 && i % 8 == 0) (void)shuffled.conclude(*shuffled.stale().begin());
+      if (k == 0 && i % 8 == 0) (void)shuffled.posterior_at(*shuffled.stale().begin());
       if (k == 0 && i % 8 == 4) (void)shuffled.preview(*shuffled.stale().rbegin());
     }
     for (std::size_t step = 0; step <= last; ++step)
       expect_identical(*shuffled.form_up_to(step), *in_order.form_up_to(step));
-    if (k == 0) expect_same(shuffled.conclude(last), expected.at(last));
+    if (k == 0) expect_same(shuffled.posterior_at(last), expected.at(last));
   }
 }
 
@@ -279,7 +279,7 @@ TEST(Engine, MethodsThatTakeDataInOrderAreFunctionsOfTheDataToo) {
     Engine engine(*setup), shuffled(*setup);
     for (const Datum& d : several) engine.add(d);
     for (auto it = several.rbegin(); it != several.rend(); ++it) shuffled.add(*it);
-    expect_same(shuffled.conclude(*shuffled.last_step()), engine.conclude(*engine.last_step()));
+    expect_same(shuffled.posterior_at(*shuffled.last_step()), engine.posterior_at(*engine.last_step()));
   }
   Engine engine(gated);
   std::vector<Datum> data = data_in_order(gated, 3, 13);
@@ -318,7 +318,7 @@ TEST(Engine, ALateDatumMakesItsStepAndAllLaterOnesStale) {
   const std::vector<Datum> data = data_in_order(setup, 4, 8);
   Engine engine(setup);
   for (const std::size_t k : {0u, 1u, 3u}) engine.add(data[k]);
-  for (const std::size_t k : {0u, 1u, 3u}) (void)engine.conclude(k);
+  for (const std::size_t k : {0u, 1u, 3u}) (void)engine.posterior_at(k);
   EXPECT_TRUE(engine.stale().empty());
   engine.add(data[2]);
   EXPECT_EQ(engine.stale(), (std::set<std::size_t>{2, 3}));

@@ -11,14 +11,15 @@ class FormMethod final : public PosteriorMethod {
  public:
   explicit FormMethod(const Problem& problem)
       : update_(problem.model, problem.noise, problem.priors, problem.update) {
-    if (problem.corrected_steps) update_.redo((*problem.corrected_steps)[0], (*problem.corrected_steps)[1]);
+    if (problem.corrected_steps)
+      update_.correct_bias((*problem.corrected_steps)[0], (*problem.corrected_steps)[1]);
   }
 
   void add(likelihood::DatumPointer datum, std::size_t time_index) override {
     update_.add(std::move(datum), time_index);
   }
   void withdraw(std::size_t step, const likelihood::DatumKey& key) override { update_.withdraw(step, key); }
-  const UpdateResult& conclude(std::size_t step) override { return update_.follow(step); }
+  const UpdateResult& posterior_at(std::size_t step) override { return update_.posterior_at(step); }
   const UpdateResult& preview(std::size_t step) override { return update_.preview(step); }
   [[nodiscard]] const likelihood::StepForm* form_of(std::size_t step) const override {
     return update_.form_of(step);

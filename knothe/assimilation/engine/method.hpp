@@ -20,7 +20,7 @@ class PosteriorMethod {
   /// Takes a datum out that is there.
   virtual void withdraw(std::size_t step, const likelihood::DatumKey& key) = 0;
   /// The posterior of all data of steps ≤ `step`, which has data, as `SequentialUpdate::follow` has it.
-  virtual const UpdateResult& conclude(std::size_t step) = 0;
+  virtual const UpdateResult& posterior_at(std::size_t step) = 0;
   /// The same, at once where that can be, without the monitor.
   virtual const UpdateResult& preview(std::size_t step) = 0;
   /// Of gating or a Student-t likelihood, else null.

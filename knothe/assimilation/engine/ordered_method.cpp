@@ -42,7 +42,7 @@ void OrderedMethod::assimilate(const Place& place, const Timed& timed) {
   last_ = place;
 }
 
-const UpdateResult& OrderedMethod::conclude(std::size_t step) {
+const UpdateResult& OrderedMethod::posterior_at(std::size_t step) {
   if (last_ && last_->first > step) begin_anew();
   try {
     for (auto it = last_ ? data_.upper_bound(*last_) : data_.begin();

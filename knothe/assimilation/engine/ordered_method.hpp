@@ -13,8 +13,8 @@ class OrderedMethod : public PosteriorMethod {
 
   void add(likelihood::DatumPointer datum, std::size_t time_index) override;
   void withdraw(std::size_t step, const likelihood::DatumKey& key) override;
-  const UpdateResult& conclude(std::size_t step) override;
-  const UpdateResult& preview(std::size_t step) override { return conclude(step); }
+  const UpdateResult& posterior_at(std::size_t step) override;
+  const UpdateResult& preview(std::size_t step) override { return posterior_at(step); }
   [[nodiscard]] const SensorReport* sensors() const override;
   [[nodiscard]] const likelihood::StepForm* form_of(std::size_t step) const override {
     return last_ && last_->first == step ? robust_->latest_form() : nullptr;

@@ -22,13 +22,12 @@ struct StepResult {
   /// False for a preview: the steps before have not been monitored yet, and what depends on their order
   /// (monitor, sensors, scores) is not told.
   bool followed = true;
-  std::vector<ScoredForecast> scores;       ///< forecasts that came true with this step
-  std::optional<SensorReport> sensors;      ///< of gating or a Student-t likelihood
-  std::vector<Eigen::Index> stuck, absent;  ///< sensors that have stopped, independent noise only
-  std::vector<ComparedModel> models;        ///< the candidates side by side; empty without any
-  /// The correction of the model's bias, where it is on: as what is to be added to the model's functions w (a
-  /// field), or at the sensors (m). Else empty.
-  Eigen::VectorXd bias_functions, bias_sensors;
+  std::vector<ScoredForecast> scores;          ///< forecasts that came true with this step
+  std::optional<SensorReport> sensors;         ///< of gating or a Student-t likelihood
+  std::vector<Eigen::Index> stuck, absent;     ///< sensors that have stopped, independent noise only
+  std::vector<ComparedModel> models;           ///< the candidates side by side; empty without any
+  EstimatedBias bias;                          ///< where it is corrected
+  std::vector<EstimatedError> lasting_errors;  ///< of the data together: an offset of a clock
   std::size_t model_version = 0;  ///< how often the model had been refined (project/refinement.hpp)
 };
 

@@ -56,8 +56,8 @@ void ForecastScores::wait_for(const std::string& name, const std::string& units,
                       std::nullopt});
 }
 
-std::vector<ScoredForecast> ForecastScores::look(std::size_t step, std::size_t time_index,
-                                                 const Eigen::Ref<const Eigen::VectorXd>& values) {
+std::vector<ScoredForecast> ForecastScores::score(std::size_t step, std::size_t time_index,
+                                                  const Eigen::Ref<const Eigen::VectorXd>& values) {
   std::vector<ScoredForecast> scored;
   for (Waiting& forecast : waiting_) {
     if (forecast.time_index != time_index || std::isnan(values[forecast.row])) continue;
@@ -89,8 +89,9 @@ void ForecastScores::forget_from(std::size_t step) {
   }
 }
 
-void ForecastScores::keep(std::size_t step, double time, const Eigen::Ref<const Eigen::MatrixXd>& points,
-                          const Eigen::Ref<const Eigen::VectorXd>& weights) {
+void ForecastScores::add_posterior(std::size_t step, double time,
+                                   const Eigen::Ref<const Eigen::MatrixXd>& points,
+                                   const Eigen::Ref<const Eigen::VectorXd>& weights) {
   const auto waits = [&](const Waiting& forecast) {
     return !forecast.scored_at && (forecast.kept.empty() || forecast.kept.back().step < step);
   };

@@ -49,12 +49,12 @@ class ForecastScores {
 
   /// The datum of `step` at `time_index`: what has come true with it, of the forecasts made after earlier
   /// steps. A missing value never does.
-  [[nodiscard]] std::vector<ScoredForecast> look(std::size_t step, std::size_t time_index,
-                                                 const Eigen::Ref<const Eigen::VectorXd>& values);
+  [[nodiscard]] std::vector<ScoredForecast> score(std::size_t step, std::size_t time_index,
+                                                  const Eigen::Ref<const Eigen::VectorXd>& values);
   /// The posterior after `step` at model time `time`: n × d points and their weights. In increasing order of
   /// steps.
-  void keep(std::size_t step, double time, const Eigen::Ref<const Eigen::MatrixXd>& points,
-            const Eigen::Ref<const Eigen::VectorXd>& weights);
+  void add_posterior(std::size_t step, double time, const Eigen::Ref<const Eigen::MatrixXd>& points,
+                     const Eigen::Ref<const Eigen::VectorXd>& weights);
   /// The data have changed from `step` on: what was kept of it and later is kept no longer.
   void forget_from(std::size_t step);
 

@@ -16,7 +16,7 @@
 #include "knothe/numerics/statistics/chi_squared.hpp"
 #include "knothe/numerics/statistics/distinct_draws.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
-#include "knothe/posterior/quadrature/tensor_quadrature.hpp"
+#include "knothe/posterior/solve.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -43,6 +43,10 @@ class Phase {
   Clock::time_point start_ = Clock::now();
 };
 
+posterior::ToParameters in_parameters(const PosteriorDensity& posterior) {
+  return [&](const Eigen::MatrixXd& z) { return posterior.parameters(z); };
+}
+
 void by_transport(PosteriorDensity& posterior, ModelEvaluator& evaluator, const InferenceOptions& options,
                   InferenceResult& r) {
   // z is standardised by the priors: that is where other modes can be.
@@ -59,15 +63,7 @@ void by_transport(PosteriorDensity& posterior, ModelEvaluator& evaluator, const 
     const Phase phase("importance correction", evaluator, r);
     correction = solver.correct(posterior, details.map);
   }
-  r.points = posterior.parameters(correction.points);
-  r.weights = correction.weights;
-  r.effective_sample_size = correction.ess;
-  r.log_evidence = correction.log_evidence;
-  r.log_evidence_error = correction.log_evidence_error;
-  r.map_order = details.map.order;
-  r.variance_diagnostic = details.map.verified_diagnostic;
-  r.tolerance_reached = details.map.tolerance_reached;
-  r.set_trust(correction.trust);
+  posterior::set_from_map(details.map, correction, in_parameters(posterior), r);
   r.verdict = verdict(details.map, correction, posterior.transform());
   const Phase phase("draws of the map", evaluator, r);
   details.pulled_back = details.map.verification.reference;
@@ -83,19 +79,12 @@ void by_grid(PosteriorDensity& posterior, ModelEvaluator& evaluator, InferenceRe
   const Phase phase("grid", evaluator, r);
   // A model may take seconds a point: 150,000 nodes are all that it is asked for.
   static constexpr Eigen::Index k_nodes[] = {257, 65, 25, 0};  // more dimensions are refused
-  const posterior::QuadraturePosterior grid = posterior::tensor_quadrature(
-      posterior, {.axes = posterior::QuadratureOptions::Axes::modes,
-                  .coarse_nodes = k_nodes[std::min<Eigen::Index>(posterior.dimension() - 1, 3)],
-                  .max_nodes = 150'000});
-  r.points = posterior.parameters(grid.points());
-  r.weights = grid.weights;
-  r.quantiles = posterior.transform().carry(grid.quantiles);
-  r.log_evidence = grid.log_evidence;
-  r.log_evidence_error = grid.evidence_change;
-  const posterior::Trust trust = posterior::trust_of(grid.figures());
-  r.set_trust(trust);
-  r.tolerance_reached = trust.trusted;
-  r.verdict = in_words(trust);
+  r.verdict = in_words(
+      posterior::solve_by_grid(posterior, in_parameters(posterior),
+                               {.axes = posterior::QuadratureOptions::Axes::modes,
+                                .coarse_nodes = k_nodes[std::min<Eigen::Index>(posterior.dimension() - 1, 3)],
+                                .max_nodes = 150'000},
+                               r));
 }
 
 /// Skewness and kurtosis with the map as a control variate: E_π f = E_ρ f∘T + Σ (w_i − 1/n) f(T(x_i)). The
@@ -164,8 +153,7 @@ void examine_answer(PosteriorDensity& posterior, const std::vector<std::string>&
     const double end = low > high ? lower : upper;
     if (r.edge_mass[k] > 0.5 && std::abs(r.mean[k] - end) < 3 * std::sqrt(r.covariance(k, k)))
       r.verdict +=
-          pressed(k < std::ssize(names) ? names[k] : fmt::format("parameter {}", k),
-                  r.edge_mass[k], end);
+          pressed(k < std::ssize(names) ? names[k] : fmt::format("parameter {}", k), r.edge_mass[k], end);
   }
   const auto misfit = posterior.misfit(r.maximum_a_posteriori);
   if (!misfit) return;
@@ -237,11 +225,8 @@ InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
           fmt::format("\"{}\" needs sequential data: use `knothe assimilate`", to_text(r.method)));
   }
   const numerics::Moments moments = numerics::moments_of(r.points, r.weights);
-  r.mean = moments.mean;
-  r.covariance = moments.covariance;
   r.skewness = moments.skewness;
   r.kurtosis = moments.kurtosis;
-  if (r.quantiles.size() == 0) r.quantiles = numerics::weighted_quantiles(r.points, r.weights);
   if (!r.map.empty()) sharpen_higher_moments(posterior, options, r);
   {
     const Phase phase("most probable point", evaluator, r);

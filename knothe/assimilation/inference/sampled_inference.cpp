@@ -2,12 +2,12 @@
 
 #include <algorithm>
 
-#include "knothe/assimilation/update/sampled_posterior.hpp"
+#include "knothe/posterior/solve.hpp"
 
 namespace knothe::assimilation {
 
 void by_markov_chains(PosteriorDensity& posterior, const InferenceOptions& options, InferenceResult& r) {
-  const posterior::MetropolisResult chains = solve_by_chains(
+  const posterior::MetropolisResult chains = posterior::solve_by_chains(
       posterior, [&](const Eigen::MatrixXd& z) { return posterior.parameters(z); },
       {.samples = options.samples, .seed = options.seed, .progress = options.progress}, r);
   r.draws = r.points;
@@ -32,7 +32,7 @@ void by_weighted_draws(PosteriorDensity& posterior, const model::ForwardModel& m
   };
   draw_options.seed = options.seed;
   draw_options.progress = options.progress;
-  const posterior::RecycledImportanceResult draws = solve_by_draws(
+  const posterior::RecycledImportanceResult draws = posterior::solve_by_draws(
       posterior, [&](const Eigen::MatrixXd& z) { return posterior.parameters(z); }, draw_options, r);
   r.temperatures = draws.temperatures;
   r.verdict = in_words(posterior::trust_of(draws, draws.temperatures.back()));

@@ -405,10 +405,10 @@ TEST(ModelBias, RedoneOrSwitchedOnByItselfIsAReplayFromScratchBitByBit) {
     options.learn_bias = true;
     SequentialUpdate late(front.model, likelihood::NoiseModel::independent(std), papers_priors(), options);
     SequentialUpdate early(front.model, likelihood::NoiseModel::independent(std), papers_priors(), options);
-    early.redo(3, 7);
+    early.correct_bias(3, 7);
     run(late, 10), run(early, 10);
     EXPECT_NE(late.result().mean, early.result().mean);
-    late.redo(3, 7);
+    late.correct_bias(3, 7);
     EXPECT_EQ(late.corrected_steps(), (std::vector<std::size_t>{3, 4, 5, 6, 7}));
     EXPECT_EQ(late.result().mean, early.result().mean);
     EXPECT_EQ(late.result().covariance, early.result().covariance);
@@ -424,7 +424,7 @@ TEST(ModelBias, RedoneOrSwitchedOnByItselfIsAReplayFromScratchBitByBit) {
     ASSERT_FALSE(corrected.empty());
     options.bias_correction = likelihood::BiasCorrectionMode::off;
     SequentialUpdate replay(front.model, likelihood::NoiseModel::independent(std), papers_priors(), options);
-    for (const std::size_t step : corrected) replay.redo(step, step);
+    for (const std::size_t step : corrected) replay.correct_bias(step, step);
     run(replay, likelihood::test::Front::n_t);
     if (corrected.back() - corrected.front() + 1 == corrected.size()) {
       EXPECT_EQ(by_itself.result().mean, replay.result().mean);
@@ -432,7 +432,7 @@ TEST(ModelBias, RedoneOrSwitchedOnByItselfIsAReplayFromScratchBitByBit) {
     }
   }
   SequentialUpdate forgets(front.model, likelihood::NoiseModel::independent(std), papers_priors());
-  EXPECT_THROW(forgets.redo(0, 1), UsageError);
+  EXPECT_THROW(forgets.correct_bias(0, 1), UsageError);
 }
 
 TEST(ModelBias, TheAlarmAndWhatIsDoneAboutItAreSaidInWords) {

@@ -36,7 +36,7 @@ struct Supervised {
   }
   void add(std::size_t step) {
     store.add(likelihood::test::datum(step, data.col(static_cast<Eigen::Index>(step))), step);
-    (void)store.settle();
+    (void)store.update_forms();
   }
   /// The alarm, if it went off.
   std::optional<ModelSupervision::DriftAlarm> assimilate(std::size_t step) {

@@ -13,6 +13,9 @@
 
 namespace {
 
+using namespace knothe;
+using namespace knothe::posterior;
+using namespace knothe::likelihood;
 using namespace knothe::assimilation;
 
 /// Of this thread, ms: other jobs do not count.

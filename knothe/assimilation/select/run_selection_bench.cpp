@@ -19,6 +19,8 @@
 namespace {
 
 using namespace knothe;
+using namespace knothe;
+using namespace knothe::posterior;
 using namespace knothe::assimilation;
 using Eigen::Index;
 using Eigen::MatrixXd;

@@ -18,6 +18,9 @@
 namespace {
 
 using namespace knothe;
+using namespace knothe;
+using namespace knothe::posterior;
+using namespace knothe::likelihood;
 using namespace knothe::assimilation;
 
 /// Of this thread, µs: one update is one thread's work, and other jobs do not count.

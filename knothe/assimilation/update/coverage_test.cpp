@@ -79,7 +79,7 @@ TEST(Calibration, TruthsFromThePriorAreUniformInThePosteriorAtEveryStage) {
       update.add(likelihood::test::datum(t, data.col(static_cast<Eigen::Index>(t))), t);
     }
     for (std::size_t s = 0; s < stages.size(); ++s) {
-      update.conclude(stages[s]);
+      update.posterior_without_monitor(stages[s]);
       for (Eigen::Index k = 0; k < 2; ++k) {
         const double u = cumulative(update.result(), k, truth[k]);
         ++counts[s][static_cast<std::size_t>(k)][static_cast<std::size_t>(std::min(9.0, 10 * u))];

@@ -58,8 +58,8 @@ DenseNoise dense(const likelihood::NoiseModel& noise) {
     if (k > 0) own.topLeftCorner(n, n) *= k / (k + 1);
     if (const Eigen::MatrixXd* factor = noise.step_error(t)) own += *factor * factor->transpose();
     result.own.push_back(own);
-    result.lasting.push_back(noise.lasting_error(t) != nullptr ? *noise.lasting_error(t)
-                                                               : Eigen::MatrixXd::Zero(k_dofs, 1));
+    result.lasting.push_back(noise.lasting().factor(t) != nullptr ? *noise.lasting().factor(t)
+                                                                  : Eigen::MatrixXd::Zero(k_dofs, 1));
   }
   const Eigen::MatrixXd r = Eigen::MatrixXd(noise.measurement().precision()).inverse();
   result.scale_std = noise.scale_std();
@@ -376,10 +376,14 @@ std::vector<Eigen::MatrixXd> lasting_errors() {
   return factors;
 }
 
+likelihood::LastingErrors two_errors() {
+  return {{{"first", 1}, {"second", 1}}, lasting_errors()};
+}
+
 TEST_P(SharedError, ErrorsThatLastBesideIt) {
   const likelihood::NoiseModel noise = likelihood::NoiseModel::correlated(chain(4))
                                            .with_shared_reference(GetParam())
-                                           .with_lasting_errors(lasting_errors());
+                                           .with_lasting_errors(two_errors());
   expect_is_the_joint_gaussian(noise, data_, model_);
   data_(6, 2) = data_(2, 3) = k_nan;
   expect_is_the_joint_gaussian(noise.with_scale_error(0.3), data_, model_);
@@ -393,10 +397,46 @@ TEST(LastingError, IndependentNoiseBesideIt) {
   data(3, 1) = data(4, 1) = data(0, 2) = k_nan;
   const likelihood::NoiseModel noise =
       likelihood::NoiseModel::independent(Eigen::VectorXd::LinSpaced(k_dofs, 0.2, 0.5))
-          .with_lasting_errors(lasting_errors());
+          .with_lasting_errors(two_errors());
   expect_is_the_joint_gaussian(noise, data, model);
   EXPECT_TRUE(likelihood::links_steps(noise));
-  EXPECT_EQ(noise.restricted({1, 4}).lasting_error(2)->row(1), noise.lasting_error(2)->row(4));
+  EXPECT_EQ(noise.restricted({1, 4}).lasting().factor(2)->row(1), noise.lasting().factor(2)->row(4));
+}
+
+/// For w = p and a normal prior all is jointly Gaussian in (p, z): a least-squares problem.
+TEST(LastingError, ItsPosteriorIsThatOfTheJointGaussian) {
+  constexpr Eigen::Index d = 3, q = 2;
+  const auto model = likelihood::test::random_model(std::make_shared<likelihood::test::LinearFunctions>(d),
+                                                    k_dofs, 4, k_steps, 3);
+  const Eigen::VectorXd std = Eigen::VectorXd::LinSpaced(k_dofs, 0.2, 0.5);
+  const Eigen::MatrixXd data =
+      likelihood::test::synthetic_data(*model, Eigen::Vector3d(0.3, -0.2, 0.5), std, 8);
+  const std::vector<Eigen::MatrixXd> factors = lasting_errors();
+  likelihood::DatumProjector projector(
+      model, likelihood::NoiseModel::independent(std).with_lasting_errors(two_errors()),
+      Eigen::Vector3d(0.1, 0.1, 0.1));
+  likelihood::StepForm sum = likelihood::StepForm::zero(d);
+  Eigen::MatrixXd information = Eigen::MatrixXd::Identity(d + q, d + q);  // of the priors N(0, I)
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(d + q);
+  for (Eigen::Index t = 0; t < k_steps; ++t) {
+    likelihood::StepForm form;
+    projector.project(t, t, data.col(t), form);
+    sum.add(form);
+    Eigen::MatrixXd rows(k_dofs, d + q);
+    rows << model->space * model->core[t], factors[t];
+    const Eigen::MatrixXd weighted = std.cwiseAbs2().cwiseInverse().asDiagonal() * rows;
+    information += weighted.transpose() * rows;
+    right += weighted.transpose() * (data.col(t) - model->lift.col(t));
+  }
+  const Eigen::MatrixXd covariance = information.inverse();
+  const Eigen::VectorXd mean = covariance * right;
+  const Eigen::MatrixXd of_p = covariance.topLeftCorner(d, d);
+  const Eigen::MatrixX2d found = projector.lasting_errors().moments(
+      mean.head(d) - projector.central_functions(), Eigen::LLT<Eigen::MatrixXd>(of_p).matrixL());
+  for (Eigen::Index k = 0; k < q; ++k) {
+    EXPECT_NEAR(found(k, 0), mean[d + k], 1e-9);
+    EXPECT_NEAR(found(k, 1), std::sqrt(covariance(d + k, d + k)), 1e-9);
+  }
 }
 
 TEST(ScaleError, RegionsCoverOnlyIfItIsRemembered) {

@@ -33,13 +33,13 @@ Eigen::VectorXd log_likelihood(SequentialUpdate& update, std::size_t step, const
 /// shift is large, and the model's own posterior says how large.
 PosteriorShift reweighted(SequentialUpdate& by_model, SequentialUpdate& by_reference, std::size_t step) {
   constexpr double k_enough = 0.05;
-  const UpdateResult reference = by_reference.conclude(step);
+  const UpdateResult reference = by_reference.posterior_without_monitor(step);
   const Eigen::VectorXd change =
       log_likelihood(by_model, step, reference.points) - log_likelihood(by_reference, step, reference.points);
   const Eigen::VectorXd before = reference.weights.array().max(1e-300).log();
   const Eigen::VectorXd log_weight = before + change;
   if (numerics::effective_share(log_weight) < k_enough * numerics::effective_share(before))
-    return difference(step, by_model.conclude(step), reference);
+    return difference(step, by_model.posterior_without_monitor(step), reference);
   const Eigen::VectorXd weights = (log_weight.array() - log_weight.maxCoeff()).exp();
   return difference(step, numerics::moments_of(reference.points, weights),
                     numerics::moments_of(reference.points, reference.weights));

@@ -7,13 +7,13 @@
 #include <cmath>
 
 #include "knothe/assimilation/update/maximum_a_posteriori.hpp"
-#include "knothe/assimilation/update/sampled_posterior.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/monotonic_time.hpp"
 #include "knothe/likelihood/step/posterior_functions.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/posterior/draws/adaptive_importance.hpp"
 #include "knothe/posterior/quadrature/filled_quadrature.hpp"
+#include "knothe/posterior/solve.hpp"
 #include "knothe/posterior/trust.hpp"
 
 namespace knothe::assimilation {
@@ -194,7 +194,7 @@ void PosteriorSolver::by_particles(posterior::Posterior& r, UpdateTimes& times) 
     turned_ = z;
     transform_->evaluate(turned_, 0, z, no_derivatives_, no_derivatives_);
   };
-  set_from_draws(
+  posterior::set_from_draws(
       posterior::adaptive_importance(target_, options),
       [this](const Eigen::MatrixXd& z) { return parameters(z); }, 1, r);
   thin_draws(r);
@@ -203,16 +203,16 @@ void PosteriorSolver::by_particles(posterior::Posterior& r, UpdateTimes& times) 
 }
 
 void PosteriorSolver::draw(posterior::LogDensity& target, posterior::Method kind, posterior::Posterior& r) {
-  const ToParameters to_parameters = [this](const Eigen::MatrixXd& z) { return parameters(z); };
+  const posterior::ToParameters to_parameters = [this](const Eigen::MatrixXd& z) { return parameters(z); };
   const std::uint64_t seed = solver_.options().seed;
   if (kind == posterior::Method::markov_chain) {
-    solve_by_chains(target, to_parameters, {.samples = samples_, .seed = seed}, r);
+    posterior::solve_by_chains(target, to_parameters, {.samples = samples_, .seed = seed}, r);
     return;
   }
   posterior::RecycledImportanceOptions options;
   options.max_evaluations = std::max<std::int64_t>(options.max_evaluations, 2 * samples_);
   options.seed = seed;
-  solve_by_draws(target, to_parameters, options, r);
+  posterior::solve_by_draws(target, to_parameters, options, r);
   // Who asks for draws gets all of them: their moments are the answer's.
   if (kind_ == posterior::Method::sequential_monte_carlo) {
     posterior::sort_along_curve(r.points, r.weights);

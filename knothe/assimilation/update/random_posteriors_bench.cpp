@@ -14,6 +14,9 @@
 
 namespace {
 
+using namespace knothe;
+using namespace knothe::posterior;
+using namespace knothe::likelihood;
 using namespace knothe::assimilation;
 using Clock = std::chrono::steady_clock;
 

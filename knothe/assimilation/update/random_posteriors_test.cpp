@@ -21,7 +21,7 @@ void check_posteriors(const test::RandomPosterior& situation, Tally& tally) {
     const auto step = static_cast<std::size_t>(t);
     update.add(likelihood::test::datum(step, situation.datum(t)), step);
     if (t != 0 && t + 1 != situation.steps()) continue;
-    const UpdateResult& r = update.follow(step);
+    const UpdateResult& r = update.posterior_at(step);
     const auto exact = situation.exact(t);
     EXPECT_TRUE(exact.resolved) << situation.name;
     EXPECT_TRUE(r.points.allFinite() && r.mean.allFinite()) << situation.name;

@@ -90,7 +90,7 @@ const UpdateResult& RobustUpdate::update(std::size_t step, std::size_t time_inde
 }
 
 void RobustUpdate::check_sensors(const Prediction& before, const Eigen::Ref<const Eigen::VectorXd>& values) {
-  watch_.look(values, before.mean);
+  watch_.observe(values, before.mean);
   sensors_ = {};
   sensors_.stuck = watch_.stuck();
   sensors_.absent = watch_.absent();
@@ -123,7 +123,7 @@ void RobustUpdate::assimilate(std::size_t step, std::size_t time_index, const Ei
         {}, step, time_index, values, std::nullopt};  // as it is judged: without what is rejected
     if (likelihood::has_own_noise(noise_, step)) datum.noise = noise_.at_step(step);
     gaussian_->add(std::make_shared<const likelihood::Datum>(std::move(datum)), time_index);
-    result_ = gaussian_->conclude(step);
+    result_ = gaussian_->posterior_without_monitor(step);
   }
 }
 

@@ -27,9 +27,28 @@ SequentialUpdate::SequentialUpdate(std::shared_ptr<const model::ObservedModel> m
   restart_sums();
 }
 
-Eigen::VectorXd SequentialUpdate::discrepancy() const {
-  return supervision_.is_joint() ? supervision_.expected_discrepancy(store_.projector().central_functions())
-                                 : Eigen::VectorXd();
+EstimatedBias SequentialUpdate::bias() const {
+  EstimatedBias bias;
+  if (supervision_.is_joint())
+    bias.functions = supervision_.expected_discrepancy(store_.projector().central_functions());
+  if (const likelihood::ModelBias* learnt = supervision_.bias())
+    if (auto at_sensors = learnt->latest()) bias.sensors = std::move(*at_sensors);
+  return bias;
+}
+
+std::vector<EstimatedError> SequentialUpdate::lasting_errors() const {
+  const auto step = store_.steps().find(result_.step);
+  if (step == store_.steps().end() || step->second.lasting_errors.mean.size() == 0) return {};
+  const likelihood::PosteriorFunctions& w = functions();
+  if (w.mean.size() == 0) return {};
+  const Eigen::MatrixX2d moments =
+      step->second.lasting_errors.moments(w.mean - store_.projector().central_functions(), w.factor);
+  std::vector<EstimatedError> estimated;
+  for (const likelihood::LastingError& error : store_.projector().noise().lasting().errors) {
+    const auto row = error.std * moments.row(std::ssize(estimated));
+    estimated.push_back({error.name, row[0], row[1]});
+  }
+  return estimated;
 }
 
 bool SequentialUpdate::is_corrected() const {
@@ -58,14 +77,14 @@ const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_
       time_index);
   apply_changes();
   const double projection = microseconds_since(start);
-  conclude(store_.last());
+  posterior_without_monitor(store_.last());
   result_.elapsed_us.projection += projection;
   return result_;
 }
 
 const UpdateResult& SequentialUpdate::remove(std::size_t step) {
   withdraw(step, {});
-  return store_.steps().empty() ? result_ : conclude(store_.last());
+  return store_.steps().empty() ? result_ : posterior_without_monitor(store_.last());
 }
 
 void SequentialUpdate::add(likelihood::DatumPointer datum, std::size_t time_index) {
@@ -78,7 +97,7 @@ void SequentialUpdate::withdraw(std::size_t step, const likelihood::DatumKey& ke
 }
 
 void SequentialUpdate::apply_changes() {
-  const auto changed = store_.settle();
+  const auto changed = store_.update_forms();
   if (changed && summed_ && *summed_ >= *changed) rewind(*changed);
 }
 
@@ -106,17 +125,17 @@ bool SequentialUpdate::posteriors_depend_on_earlier() const {
   return solver_.is_sequential() || supervision_.learns() || changes_.possible();
 }
 
-const UpdateResult& SequentialUpdate::conclude(std::size_t step) {
-  return conclude(step, posteriors_depend_on_earlier());
+const UpdateResult& SequentialUpdate::posterior_without_monitor(std::size_t step) {
+  return compute(step, posteriors_depend_on_earlier());
 }
 
-const UpdateResult& SequentialUpdate::follow(std::size_t step) {
+const UpdateResult& SequentialUpdate::posterior_at(std::size_t step) {
   apply_changes();
   if (!followed_) restart();
-  return conclude(step, true);
+  return compute(step, true);
 }
 
-const UpdateResult& SequentialUpdate::conclude(std::size_t step, bool every) {
+const UpdateResult& SequentialUpdate::compute(std::size_t step, bool every) {
   apply_changes();
   const auto last = store_.find(step);
   auto& steps = store_.steps();
@@ -144,7 +163,7 @@ const UpdateResult& SequentialUpdate::conclude(std::size_t step, bool every) {
 }
 
 const UpdateResult& SequentialUpdate::preview(std::size_t step) {
-  if (posteriors_depend_on_earlier()) return follow(step);
+  if (posteriors_depend_on_earlier()) return posterior_at(step);
   apply_changes();
   const auto last = store_.find(step);
   const likelihood::FormSums followed =
@@ -164,7 +183,7 @@ const UpdateResult& SequentialUpdate::preview(std::size_t step) {
   return result_;
 }
 
-const UpdateResult& SequentialUpdate::redo(std::size_t from, std::size_t to) {
+const UpdateResult& SequentialUpdate::correct_bias(std::size_t from, std::size_t to) {
   if (from > to)
     throw UsageError(fmt::format("steps {} to {}: the first step to redo comes after the last", from, to));
   if (!supervision_.learns()) {
@@ -174,7 +193,7 @@ const UpdateResult& SequentialUpdate::redo(std::size_t from, std::size_t to) {
   }
   supervision_.correct_by_hand(from, to);
   restart();
-  return store_.steps().empty() ? result_ : conclude(store_.last());
+  return store_.steps().empty() ? result_ : posterior_without_monitor(store_.last());
 }
 
 /// All earlier steps are in the sums, and `supervision_` knows them.
@@ -245,7 +264,7 @@ void SequentialUpdate::forget(std::size_t step) {
 }
 
 /// The step at which an alarm rang says so, whatever has been done about it.
-void SequentialUpdate::tell(const ModelSupervision::DriftAlarm& alarm) {
+void SequentialUpdate::note(const ModelSupervision::DriftAlarm& alarm) {
   result_.monitor.alarm = true;
   result_.monitor.cumulative_sum = alarm.report.cumulative_sum;
   result_.monitor.threshold = alarm.report.threshold;
@@ -258,7 +277,7 @@ void SequentialUpdate::correct_since_drift(std::size_t step, const ModelSupervis
   const std::size_t from = supervision_.begin_correction(store_.before(step, alarm.steps - 1)->first, step);
   go_back_before(from);
   assimilate_from(from, step);
-  tell(alarm);
+  note(alarm);
   result_.notice = fmt::format(
       "{}; correction of model bias switched on, and steps {} to {} withdrawn and assimilated again with the "
       "corrected model{}{}",
@@ -283,7 +302,7 @@ bool SequentialUpdate::restart_at_change(std::size_t step, const ModelSupervisio
   changes_.set_found(std::move(found));
   redone_at_ = step;
   assimilate_from(from, step);
-  tell(alarm);
+  note(alarm);
   result_.notice = fmt::format(
       "{}; treated as a change of the structure at step {}: the data before it count {}{}{}", alarm.notice,
       onset, changes_.retention_in_words(), result_.notice.empty() ? "" : "; ", result_.notice);

@@ -49,22 +49,22 @@ class SequentialUpdate {
   void add(likelihood::DatumPointer datum, std::size_t time_index);
   /// UsageError for a datum that is not there.
   void withdraw(std::size_t step, const likelihood::DatumKey& key);
-  /// The posterior of all steps up to `step`, as if nothing later had come; result() is then that. UsageError
-  /// for a step that is not there.
-  const UpdateResult& conclude(std::size_t step);
-  /// `conclude` may leave out the maps of earlier steps, and then the monitor does not judge this one.
-  /// `follow` does not: what it says of `step` is to the bit what `update` says when all data up to it come
-  /// in order. After a change it goes on from the first step changed, whose state before is remembered (the
-  /// last 256 steps'; otherwise from the first step). `preview` is `conclude` in the middle of that: it
-  /// leaves alone what is to be followed.
-  const UpdateResult& follow(std::size_t step);
+  /// The posterior of all data up to `step`, as if nothing later had come: to the bit what `update` gives
+  /// when all came in order, and result() is then that. After a change it goes on from the first step
+  /// changed, whose state before is remembered (the last 256 steps'; otherwise from the first step).
+  /// UsageError for a step that is not there.
+  const UpdateResult& posterior_at(std::size_t step);
+  /// The same without the posteriors of earlier steps, where none depends on them: the monitor then does not
+  /// judge this step.
+  const UpdateResult& posterior_without_monitor(std::size_t step);
+  /// `posterior_without_monitor` in the middle of steps that are followed one by one: leaves these alone.
   const UpdateResult& preview(std::size_t step);
 
   /// Takes the steps `from` to `to` (both included) out and puts them back with the corrected model, and all
   /// later ones as they follow from that. The result is bit-identical to a run in which these
   /// steps were corrected when they came; steps that come later fall under it too. Throws UsageError where
   /// data are not kept (`UpdateOptions::learn_bias`), and for an empty range.
-  const UpdateResult& redo(std::size_t from, std::size_t to);
+  const UpdateResult& correct_bias(std::size_t from, std::size_t to);
 
   /// The form of a step's data given those before, as it is assimilated; null for a step that is not there.
   [[nodiscard]] const likelihood::StepForm* form_of(std::size_t step) const;
@@ -78,15 +78,16 @@ class SequentialUpdate {
   }  ///< of the truncated priors
   /// The target of the last map, in z; evaluates the whole posterior.
   [[nodiscard]] likelihood::CollapsedLogDensity& target() { return solver_.target(); }
-  /// Where the bias is unknown together with the parameters, after the last step: what is to be added to w(p)
-  /// there, so that U C_t of it is the bias as a field. Empty where it is not.
-  [[nodiscard]] Eigen::VectorXd discrepancy() const;
-  /// The residuals learnt so far; null where none are.
-  [[nodiscard]] const likelihood::ModelBias* bias() const { return supervision_.bias(); }
+  /// The correction of the model's bias after the last step: where it is unknown together with the parameters
+  /// as what is to be added to w(p), so that U C_t of it is the bias as a field; else, where residuals are
+  /// learnt, at the sensors (m).
+  [[nodiscard]] EstimatedBias bias() const;
+  /// After `posterior_at`: the errors that all data have together, by what the data up to its step say.
+  [[nodiscard]] std::vector<EstimatedError> lasting_errors() const;
   /// Changes of the structure, known or found so far.
   [[nodiscard]] const StructureChanges& changes() const { return changes_; }
-  /// After `follow`: w over that posterior, and the forms of all its data (as they were assimilated: with a
-  /// correction, or grown old, their sum is another than `form_up_to`).
+  /// After `posterior_at`: w over that posterior, and the forms of all its data (as they were assimilated:
+  /// with a correction, or grown old, their sum is another than `form_up_to`).
   [[nodiscard]] const likelihood::PosteriorFunctions& functions() const { return supervision_.functions(); }
   [[nodiscard]] const likelihood::FormSums& sums() const { return sums_; }
   /// Whether any of the steps up to that of `result` was assimilated with the corrected model.
@@ -96,12 +97,12 @@ class SequentialUpdate {
 
  private:
   void apply_changes();
-  const UpdateResult& conclude(std::size_t step, bool every);
+  const UpdateResult& compute(std::size_t step, bool every);
   void assimilate(std::size_t step);
   void assimilate_from(std::size_t from, std::size_t to);
   void solve(std::size_t step);
   void forget(std::size_t step);
-  void tell(const ModelSupervision::DriftAlarm& alarm);
+  void note(const ModelSupervision::DriftAlarm& alarm);
   void correct_since_drift(std::size_t step, const ModelSupervision::DriftAlarm& alarm);
   bool restart_at_change(std::size_t step, const ModelSupervision::DriftAlarm& alarm);
   [[nodiscard]] bool posteriors_depend_on_earlier() const;

@@ -20,6 +20,18 @@ struct UpdateTimes {
   [[nodiscard]] double total() const { return projection + map + correction + watch + verdict; }
 };
 
+/// An error that all data have together (`likelihood::LastingError`), as they say it is.
+struct EstimatedError {
+  std::string name;
+  double mean = 0, std = 0;
+};
+
+/// A correction of the model's bias; what does not apply is empty.
+struct EstimatedBias {
+  Eigen::VectorXd functions;  ///< r, to be added to the model's functions w: a field
+  Eigen::VectorXd sensors;    ///< n, at the sensors, m
+};
+
 /// What an update did, and the posterior it found: importance-corrected, and where the map is not to be
 /// trusted and there are at most two parameters by quadrature instead (`remark` says so).
 struct UpdateResult : posterior::Posterior {

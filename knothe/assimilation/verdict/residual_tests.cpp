@@ -32,7 +32,7 @@ class LargestChiSquare {
     const double score = (std::cbrt(x / degrees) - (1 - variance)) / std::sqrt(variance);
     if (count_ == 1 || score > score_) score_ = score, x_ = x, degrees_ = degrees, at_ = at;
   }
-  void tell(ResidualReport& report, ResidualTest test) const {
+  void report_worst(ResidualReport& report, ResidualTest test) const {
     if (count_ == 0) return;
     report.set(test, std::min(1.0, numerics::chi_squared_upper(x_, degrees_) * count_), at_);
   }
@@ -214,7 +214,7 @@ ResidualReport ResidualTests::examine(std::span<const likelihood::DatumPointer> 
   report.set(ResidualTest::total, numerics::chi_squared_upper(report.misfit, values));
   if (noise_.has_step_errors()) {
     // Single values are those of R and of an error that all share, which is not told from noise.
-    if (!likelihood::links_steps(noise_)) steps.tell(report, ResidualTest::step);
+    if (!likelihood::links_steps(noise_)) steps.report_worst(report, ResidualTest::step);
     return report;
   }
   if (likelihood::links_steps(noise_)) {
@@ -222,7 +222,7 @@ ResidualReport ResidualTests::examine(std::span<const likelihood::DatumPointer> 
     test_extremes(report);
     return report;
   }
-  steps.tell(report, ResidualTest::step);
+  steps.report_worst(report, ResidualTest::step);
   const double degrees = values - parameters;
   if (degrees >= 1 && !own)
     report.set(ResidualTest::too_small, 1 - numerics::chi_squared_upper(report.misfit, degrees));
@@ -263,7 +263,7 @@ ResidualReport ResidualTests::examine_scores(Eigen::MatrixXd scores, Index param
     const auto present = (report.scores.col(k).array() != 0).count();
     if (present > 0) steps.see(report.scores.col(k).squaredNorm(), present, k);
   }
-  steps.tell(report, ResidualTest::step);
+  steps.report_worst(report, ResidualTest::step);
   test_extremes(report);
   test_independent(report, parameters);
   // A score is a residual over its standard deviation, wherever one knows that.
@@ -309,10 +309,10 @@ void ResidualTests::test_independent(ResidualReport& report, Index parameters) c
     misfit[groups_[i]] += square;
     count[groups_[i]] += present;
   }
-  sensors.tell(report, ResidualTest::sensor);
+  sensors.report_worst(report, ResidualTest::sensor);
   for (Index g = 0; g < groups; ++g)
     if (count[g] > 0) of_groups.see(misfit[g], count[g], g);
-  of_groups.tell(report, ResidualTest::group);
+  of_groups.report_worst(report, ResidualTest::group);
   const auto above = [](double sum, double products) {
     return numerics::normal_cdf(-sum / std::sqrt(products));
   };

@@ -14,6 +14,9 @@
 #include "knothe/likelihood/testing/bench_models.hpp"
 
 int main(int count, char** arguments) {
+  using namespace knothe;
+  using namespace knothe::posterior;
+  using namespace knothe::likelihood;
   using namespace knothe::assimilation;
   using Eigen::Index;
   using Eigen::MatrixXd;

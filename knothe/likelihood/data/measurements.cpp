@@ -32,8 +32,7 @@ Eigen::SparseMatrix<double> read_matrix(const Hdf5Reader& file, const std::strin
   in_si(file, group + "/data", "1/m2", data);
   const std::vector<std::int64_t> indices = file.read_integers(group + "/indices");
   const std::vector<std::int64_t> rows = file.read_integers(group + "/indptr");
-  if (rows.size() != n_obs + 1 || rows.back() != std::ssize(data) ||
-      indices.size() != data.size()) {
+  if (rows.size() != n_obs + 1 || rows.back() != std::ssize(data) || indices.size() != data.size()) {
     throw DataError(
         fmt::format("{}: {} is not a CSR matrix of {} rows: indptr has {} entries, indices {}, data {}",
                     file.path(), name, n_obs, rows.size(), indices.size(), data.size()));

@@ -29,8 +29,8 @@ struct Measurements {
   model::Sensors sensors;    ///< rows of the values; scalars are in `series` until they are observed
   NoiseModel noise;
   std::map<std::string, MeasuredSeries> series;  ///< `/outputs/NAME`
-  /// Of a constant error of the times of all series, by which they are off from those of the displacements,
-  /// in units of `time`; their `rate` says what it does. 0: none.
+  /// Of a constant by which the times of all series are ahead of those of the displacements, in units of
+  /// `time`; their `rate` says what it does. 0: none.
   double series_time_std = 0;
   std::map<std::string, double>
       truth;  ///< true parameters of synthetic data, `/truth/NAME`; empty for real data

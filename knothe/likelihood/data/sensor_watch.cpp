@@ -12,8 +12,8 @@ SensorWatch::SensorWatch(const NoiseModel& noise)
       same_(Eigen::VectorXi::Zero(noise.size())),
       missing_(Eigen::VectorXi::Zero(noise.size())) {}
 
-void SensorWatch::look(const Eigen::Ref<const Eigen::VectorXd>& values,
-                       const Eigen::Ref<const Eigen::VectorXd>& expected) {
+void SensorWatch::observe(const Eigen::Ref<const Eigen::VectorXd>& values,
+                          const Eigen::Ref<const Eigen::VectorXd>& expected) {
   stuck_.clear();
   absent_.clear();
   for (Eigen::Index i = 0; i < values.size(); ++i) {

@@ -14,8 +14,8 @@ class SensorWatch {
  public:
   explicit SensorWatch(const NoiseModel& noise);
   /// Looks at the next datum. `expected`: the model's prediction, n.
-  void look(const Eigen::Ref<const Eigen::VectorXd>& values,
-            const Eigen::Ref<const Eigen::VectorXd>& expected);
+  void observe(const Eigen::Ref<const Eigen::VectorXd>& values,
+               const Eigen::Ref<const Eigen::VectorXd>& expected);
   [[nodiscard]] const std::vector<Eigen::Index>& stuck() const { return stuck_; }
   [[nodiscard]] const std::vector<Eigen::Index>& absent() const { return absent_; }
 

@@ -79,6 +79,18 @@ StepForm ConditionalFilter::condition(const StepForm& form, const Eigen::MatrixX
   return given;
 }
 
+Eigen::MatrixX2d ConditionalStates::moments(const Eigen::VectorXd& v, const Eigen::MatrixXd& factor) const {
+  Eigen::MatrixX2d result(mean.size(), 2);
+  const Eigen::VectorXd spread = (slope * factor).rowwise().squaredNorm();
+  result << mean - slope * v, (covariance.diagonal() + spread).cwiseMax(0).cwiseSqrt();
+  return result;
+}
+
+ConditionalStates ConditionalFilter::states(Eigen::Index first, Eigen::Index count) const {
+  return {mean_.segment(first, count), slope_.middleRows(first, count),
+          covariance_.block(first, first, count, count)};
+}
+
 StepForm without_standard_normals(const StepForm& form, Eigen::Index functions) {
   ConditionalFilter filter(functions);
   filter.append(Eigen::VectorXd::Ones(form.linear.size() - functions));

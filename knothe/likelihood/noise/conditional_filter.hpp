@@ -6,6 +6,16 @@
 
 namespace knothe::likelihood {
 
+/// x | v ~ N(mean − slope v, covariance): what data said of states that they depend on beside v.
+struct ConditionalStates {
+  Eigen::VectorXd mean;        ///< q, at v = 0
+  Eigen::MatrixXd slope;       ///< q × r
+  Eigen::MatrixXd covariance;  ///< q × q, given v
+
+  /// Mean and standard deviation of each, q × 2, over v of mean `v` and covariance `factor` `factor`ᵀ.
+  [[nodiscard]] Eigen::MatrixX2d moments(const Eigen::VectorXd& v, const Eigen::MatrixXd& factor) const;
+};
+
 /// A Kalman filter for states x on which data depend beside v, with a mean that is affine in v:
 ///   x | v, data so far ~ N(mean − slope v, covariance).
 /// A datum whose misfit is a quadratic form in v and x then has, given the data before it, a form in v alone
@@ -30,6 +40,8 @@ class ConditionalFilter {
                                    const Eigen::MatrixXd& map);
   /// The same of a form in (v, x).
   [[nodiscard]] StepForm condition(const StepForm& form);
+  /// Of `count` states from `first` on.
+  [[nodiscard]] ConditionalStates states(Eigen::Index first, Eigen::Index count) const;
   /// E[x | v, data so far].
   [[nodiscard]] Eigen::VectorXd expected(const Eigen::VectorXd& v) const { return mean_ - slope_ * v; }
 

@@ -47,18 +47,20 @@ NoiseModel NoiseModel::restricted(const std::vector<Eigen::Index>& kept) const {
   NoiseModel result = measurement_.restricted(kept);
   result.shared_reference_ = shared_reference_;
   result.scale_std_ = scale_std_;
-  if (lasting_) {
-    std::vector<Eigen::MatrixXd> factors;
-    for (const Eigen::MatrixXd& factor : *lasting_) factors.emplace_back(factor(kept, Eigen::all));
-    result = result.with_lasting_errors(std::move(factors));
+  if (lasting_count(*this) > 0) {
+    LastingErrors lasting{lasting_->errors, {}};
+    for (const Eigen::MatrixXd& factor : lasting_->factors)
+      lasting.factors.emplace_back(factor(kept, Eigen::all));
+    result = result.with_lasting_errors(std::move(lasting));
   }
   return result;
 }
 
-NoiseModel NoiseModel::with_lasting_errors(std::vector<Eigen::MatrixXd> factors) const {
-  assert(!factors.empty() && factors.front().rows() == size() && factors.front().cols() > 0);
+NoiseModel NoiseModel::with_lasting_errors(LastingErrors lasting) const {
+  assert(!lasting.factors.empty() && lasting.factors.front().rows() == size() &&
+         lasting.factors.front().cols() == std::ssize(lasting.errors));
   NoiseModel result = *this;
-  result.lasting_ = std::make_shared<const std::vector<Eigen::MatrixXd>>(std::move(factors));
+  result.lasting_ = std::make_shared<const LastingErrors>(std::move(lasting));
   return result;
 }
 

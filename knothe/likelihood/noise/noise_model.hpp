@@ -4,11 +4,27 @@
 #include <cstddef>
 #include <map>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "knothe/likelihood/noise/gaussian_noise.hpp"
 
 namespace knothe::likelihood {
+
+/// An error that all steps have together, N(0, std²) in a unit of its own.
+struct LastingError {
+  std::string name;
+  double std = 1;
+};
+struct LastingErrors {
+  std::vector<LastingError> errors;      ///< q, each std times one standard normal number z
+  std::vector<Eigen::MatrixXd> factors;  ///< B_t of z, n × q, for each step; empty: none
+
+  /// Null where there are none.
+  [[nodiscard]] const Eigen::MatrixXd* factor(std::size_t step) const {
+    return factors.empty() ? nullptr : &factors.at(step);
+  }
+};
 
 /// All that a measured value may be off by: the noise of the measurement, N(0, R), with the steps that have
 /// another one, and errors beside it, of each step or common to all. Immutable; copies share what is large.
@@ -51,9 +67,9 @@ class NoiseModel {
   [[nodiscard]] NoiseModel with_scale_error(double relative_std) const;
 
   /// The same noise with errors besides that all steps have together, d_t = … + B_t z with z ~ N(0, I), the
-  /// same z at each step: `factors` are the B_t, n × q, for each step of the data. The scatter of specimens
-  /// about the curve that was measured, say. They are not part of R.
-  [[nodiscard]] NoiseModel with_lasting_errors(std::vector<Eigen::MatrixXd> factors) const;
+  /// same z at each step: the scatter of specimens about the curve that was measured, the offset of a clock.
+  /// They are not part of R.
+  [[nodiscard]] NoiseModel with_lasting_errors(LastingErrors lasting) const;
 
   /// Marginal noise of a step on the dofs `kept` (`GaussianNoise::restricted`), with the shared reference
   /// and the scale's error.
@@ -66,10 +82,7 @@ class NoiseModel {
   [[nodiscard]] double offset_std() const { return offset_std_; }            ///< 0: no offsets
   [[nodiscard]] double scale_std() const { return scale_std_; }              ///< 0: the scale is exact
   [[nodiscard]] Eigen::Index scalar_count() const { return scalar_count_; }  ///< of `with_scalars`, the last
-  /// B_t of step `step`; null where there is none.
-  [[nodiscard]] const Eigen::MatrixXd* lasting_error(std::size_t step) const {
-    return lasting_ ? &lasting_->at(step) : nullptr;
-  }
+  [[nodiscard]] const LastingErrors& lasting() const { return *lasting_; }
   [[nodiscard]] bool has_step_errors() const { return !step_errors_.empty(); }
   /// F of step `step`; null where there is none.
   [[nodiscard]] const Eigen::MatrixXd* step_error(std::size_t step) const;
@@ -81,7 +94,7 @@ class NoiseModel {
   int shared_reference_ = 0;
   double offset_std_ = 0, scale_std_ = 0;
   Eigen::Index scalar_count_ = 0;
-  std::shared_ptr<const std::vector<Eigen::MatrixXd>> lasting_;  ///< not empty; null: none
+  std::shared_ptr<const LastingErrors> lasting_ = std::make_shared<const LastingErrors>();
   std::map<std::size_t, std::shared_ptr<const Eigen::MatrixXd>> step_errors_;
   std::map<std::size_t, std::shared_ptr<const GaussianNoise>> steps_;
 };
@@ -93,8 +106,7 @@ class NoiseModel {
 
 /// q of `with_lasting_errors`.
 [[nodiscard]] inline Eigen::Index lasting_count(const NoiseModel& noise) {
-  const Eigen::MatrixXd* first = noise.lasting_error(0);
-  return first == nullptr ? 0 : first->cols();
+  return std::ssize(noise.lasting().errors);
 }
 
 /// Steps share an error: what one says depends on those before it.

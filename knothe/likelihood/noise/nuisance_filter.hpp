@@ -33,6 +33,10 @@ class NuisanceFilter {
   void restart();
   void set_noise(const NoiseModel& noise);  ///< the same, with further steps
 
+  /// z, given the data so far.
+  [[nodiscard]] ConditionalStates lasting_errors() const {
+    return states_.states(scale_std_ > 0 ? 1 : 0, lasting_count_);
+  }
   /// The form of the next datum given those before it; takes the datum, if the form is finite. `residual`
   /// and `predicted` (y_t at the centre, where there is ε): of the dofs that `group` keeps; `lasting` (B_t of
   /// z) and `step_error` (F_t): of all dofs, or null. `moved` (may be null; without ε and z, and without φ

@@ -92,7 +92,7 @@ void DatumProjector::project(std::size_t step, std::size_t time_index,
     const Eigen::VectorXd residual = residual_(kept_);
     Eigen::VectorXd predicted;
     if (noise_.scale_std() > 0) predicted = predicted_.col(time_index)(kept_);
-    const Eigen::MatrixXd* lasting = noise_.lasting_error(step);
+    const Eigen::MatrixXd* lasting = noise_.lasting().factor(step);
     form = nuisances_->condition(group_of(step), model_->core[time_index], residual, predicted, lasting,
                                  noise_.step_error(step), moved);
   } else if (std::ssize(kept_) == values.size() && !has_own_noise(noise_, step)) {

@@ -25,6 +25,11 @@ class DatumProjector {
   [[nodiscard]] const NoiseModel& noise() const { return noise_; }
   [[nodiscard]] const Eigen::VectorXd& central_functions() const { return central_; }  ///< w₀, r
   [[nodiscard]] Eigen::Index observation_count() const { return predicted_.rows(); }
+  /// What the data projected so far say of the noise's `lasting_errors`, each in its standard deviations,
+  /// given v = w − w₀; without any, no states.
+  [[nodiscard]] ConditionalStates lasting_errors() const {
+    return lasting_count(noise_) == 0 ? ConditionalStates{} : nuisances_->lasting_errors();
+  }
   /// Whether a form depends on the data before it: then data are projected again (`restart`) where one of
   /// them is taken out or comes late.
   [[nodiscard]] bool depends_on_order() const { return links_steps(noise_); }

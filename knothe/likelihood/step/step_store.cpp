@@ -83,7 +83,7 @@ void StepStore::withdraw(std::size_t index, const DatumKey& key) {
   mark_changed(index);
 }
 
-std::optional<std::size_t> StepStore::settle() {
+std::optional<std::size_t> StepStore::update_forms() {
   if (out_of_order_) project_again();
   const auto changed = std::exchange(changed_, std::nullopt);
   if (!changed) return changed;
@@ -131,6 +131,7 @@ void StepStore::restore_noise(std::size_t index, StoredStep& step) {
 void StepStore::store(StoredStep& step, DatumPointer datum, Projected projected) {
   StepForm& form = projected.form;
   step.moved = std::move(projected.moved);
+  step.lasting_errors = projector_.lasting_errors();
   // The sum goes on where the datum comes last; otherwise it is made again when it is asked for: a replay of
   // n data in any order costs n additions, not n²/2.
   if (step.data.empty()) {

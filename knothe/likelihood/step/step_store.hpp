@@ -30,7 +30,8 @@ struct StoredStep {
   StepForm form;           ///< sum of the data's in the order of their keys
   /// Of the step's one datum, where a discrepancy meets errors that steps share.
   std::optional<MovedForm> moved;
-  bool own_noise = false;  ///< the projector has another noise at this step than the sensors'
+  ConditionalStates lasting_errors;  ///< given all data up to this step (`DatumProjector`)
+  bool own_noise = false;            ///< the projector has another noise at this step than the sensors'
 
   bool corrected = false;                  ///< assimilated with the corrected model
   std::optional<StepForm> corrected_form;  ///< in place of `form`, which is without correction
@@ -75,7 +76,7 @@ class StepStore {
   void withdraw(std::size_t step, const DatumKey& key);
   /// Makes the forms that have changed, once for many data: before this `steps` are not up to date. The first
   /// step that has changed since it was last called.
-  std::optional<std::size_t> settle();
+  std::optional<std::size_t> update_forms();
 
   [[nodiscard]] Steps& steps() { return steps_; }
   [[nodiscard]] const Steps& steps() const { return steps_; }

@@ -48,9 +48,9 @@ TEST_F(StepStoreTest, FormsDoNotDependOnTheOrderInWhichStepsCame) {
     StepStore in_order = make(shared), late = make(shared);
     for (const std::size_t step : {0u, 1u, 2u, 3u}) add(in_order, step);
     for (const std::size_t step : {3u, 0u, 2u, 1u}) add(late, step);
-    EXPECT_EQ(in_order.settle(), 0u);
-    EXPECT_EQ(late.settle(), 0u);
-    EXPECT_EQ(late.settle(), std::nullopt);
+    EXPECT_EQ(in_order.update_forms(), 0u);
+    EXPECT_EQ(late.update_forms(), 0u);
+    EXPECT_EQ(late.update_forms(), std::nullopt);
     for (const auto& [step, stored] : in_order.steps())
       EXPECT_TRUE(same(stored.form, late.steps().at(step).form)) << step;
     EXPECT_EQ(late.last(), 3u);
@@ -64,12 +64,12 @@ TEST_F(StepStoreTest, AStepTakenOutLeavesNoTrace) {
       add(all, step);
       if (step != 1) add(without, step);
     }
-    (void)all.settle();
-    (void)without.settle();
+    (void)all.update_forms();
+    (void)without.update_forms();
     all.steps().at(0).log_evidence = -1;
     all.steps().at(3).log_evidence = -4;
     all.withdraw(1, {});
-    EXPECT_EQ(all.settle(), 1u);
+    EXPECT_EQ(all.update_forms(), 1u);
     for (const auto& [step, stored] : without.steps())
       EXPECT_TRUE(same(stored.form, all.steps().at(step).form)) << step;
     EXPECT_EQ(all.steps().at(0).log_evidence, -1);  // of the data before it

@@ -106,7 +106,7 @@ void write_results(const Opened& opened, const std::string& folder) {
   const auto start = std::chrono::steady_clock::now();
   for (const std::size_t step : steps) {
     check_cancellation("nothing was written");
-    assimilation::StepResult result = engine.conclude(step);
+    assimilation::StepResult result = engine.posterior_at(step);
     opened.model.amend(result);
     writer.add_step(result, engine.published_forecasts(result), engine.last_datum(step));
   }
@@ -124,7 +124,7 @@ void for_each_result(const JournalReader& journal, const project::Project& proje
   const std::vector<std::size_t> steps(engine.stale().begin(), engine.stale().end());
   for (const std::size_t step : steps) {
     check_cancellation("a replay changes nothing");
-    assimilation::StepResult result = engine.conclude(step);
+    assimilation::StepResult result = engine.posterior_at(step);
     model.amend(result);
     visit(result);
   }
@@ -164,7 +164,7 @@ void replay_journal(const std::string& path, const std::string& project_path, bo
   if (!json && !steps.empty()) steps = {steps.back()};
   for (const std::size_t step : steps) {
     check_cancellation("a replay changes nothing");
-    assimilation::StepResult result = json ? engine.conclude(step) : engine.preview(step);
+    assimilation::StepResult result = json ? engine.posterior_at(step) : engine.preview(step);
     opened.model.amend(result);
     if (!result.update.trusted) untrusted.push_back(step);
     run.add(result.update.verdict);

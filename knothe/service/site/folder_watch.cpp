@@ -115,7 +115,7 @@ void FolderWatch::run() {
 }
 
 void FolderWatch::ingest_pictures() {
-  for (const std::string& name : pictures_->look(SettledFiles::Clock::now())) {
+  for (const std::string& name : pictures_->new_files(SettledFiles::Clock::now())) {
     if (is_of_another_test(*pictures_, name) || ingest_picture(name) == StoreOutcome::done)
       pictures_->done(name);
     if (!wait(0)) return;
@@ -123,7 +123,7 @@ void FolderWatch::ingest_pictures() {
 }
 
 void FolderWatch::ingest_tables() {
-  for (const std::string& name : tables_->look(SettledFiles::Clock::now())) {
+  for (const std::string& name : tables_->new_files(SettledFiles::Clock::now())) {
     if (is_of_another_test(*tables_, name) || ingest_table(name) == StoreOutcome::done) tables_->done(name);
     if (!wait(0)) return;
   }

@@ -71,10 +71,10 @@ JournalWriter::JournalWriter(const project::Project& project, const project::Upd
       journal_(options_.journal),
       id_(journal_.id()),
       switches_(setup.problem.model->time) {
-  for (const LogbookEntry& entry : journal_.logbook()) follow(entry);
+  for (const LogbookEntry& entry : journal_.logbook()) apply(entry);
 }
 
-void JournalWriter::follow(const LogbookEntry& entry) {
+void JournalWriter::apply(const LogbookEntry& entry) {
   switches_.add(entry);
   course_.add(entry);
 }
@@ -426,7 +426,7 @@ void JournalWriter::commit(std::vector<Request>& group) {
       std::erase_if(quarantine_, [&](const JournalEntry& held) { return held.id == gone.id; });
   }
   set_trouble(trouble);
-  tell(written);
+  announce(written);
   listener_.arrived(std::move(written.arrivals), journal_.count());
   for (std::size_t i = 0; i < group.size(); ++i) {
     count_outcome(answers[i]);
@@ -436,7 +436,7 @@ void JournalWriter::commit(std::vector<Request>& group) {
 }
 
 /// What is on disk now, beside the data that are to be assimilated.
-void JournalWriter::tell(const Written& written) {
+void JournalWriter::announce(const Written& written) {
   for (const JournalEntry& entry : written.no_longer_quarantined) listener_.doubted(entry.measurement, "");
   for (const JournalEntry& entry : written.quarantined)
     if (entry.quarantined.implausible)
@@ -518,7 +518,7 @@ JournalWriter::Answer JournalWriter::write(const LogbookEntry& entry, MonotonicT
                         finishes ? "the test is finished already" : "the test is not finished");
   LogbookEntry kept = journal_.add_entry(entry);
   const SensorSwitches before = switches_;
-  follow(kept);
+  apply(kept);
   written.entries.push_back(kept);
   if (kept.kind != EntryKind::sensor_off && kept.kind != EntryKind::sensor_on) return kept;
   const std::size_t from = switches_.first_step(kept.time);
@@ -555,8 +555,7 @@ void JournalWriter::count_seq(const likelihood::DatumKey& key) {
 JournalWriter::Answer JournalWriter::write(Measurement& datum, MonotonicTime at, Written& written) {
   if (course_.end() && !journal_.holds(datum.key)) return refusal_after(*course_.end());
   const auto& largest = largest_seqs_[{datum.key.source, datum.key.session}];
-  const bool late =
-      std::ssize(largest) > options_.window && largest.back() > datum.key.seq;
+  const bool late = std::ssize(largest) > options_.window && largest.back() > datum.key.seq;
   Measurement seen = switches_.seen(datum);
   Appended appended = journal_.append(datum, {late, !complaint(seen).empty()});
   appended.reason = reason_of(appended.quarantined, seen);

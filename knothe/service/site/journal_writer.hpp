@@ -150,7 +150,7 @@ class JournalWriter {
   Answer write(const Withdrawal& withdrawal, MonotonicTime at, Written& written);
   Answer write(const LogbookEntry& entry, MonotonicTime at, Written& written);
   [[nodiscard]] static RequestError refusal_after(const LogbookEntry& end);
-  void tell(const Written& written);
+  void announce(const Written& written);
   [[nodiscard]] std::string refuse_if_misplaced(std::vector<Answer>& answers) const;
   void count_outcome(const Answer& answer);
   void probe_disk();
@@ -174,7 +174,7 @@ class JournalWriter {
   void count_seq(const likelihood::DatumKey& key);
   SensorSwitches switches_;  ///< of the thread
   TestCourse course_;        ///< of the thread
-  void follow(const LogbookEntry& entry);
+  void apply(const LogbookEntry& entry);
 
   mutable std::mutex mutex_;  ///< everything below
   std::condition_variable requests_there_;

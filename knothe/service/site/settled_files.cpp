@@ -14,7 +14,7 @@ SettledFiles::SettledFiles(std::string folder, double settle_s,
                            std::function<bool(const std::string&)> wanted)
     : folder_(std::move(folder)), settle_s_(settle_s), wanted_(std::move(wanted)) {}
 
-std::vector<std::string> SettledFiles::look(Clock::time_point now) {
+std::vector<std::string> SettledFiles::new_files(Clock::time_point now) {
   std::error_code failure;
   std::map<std::string, File> found;
   std::vector<std::string> settled;

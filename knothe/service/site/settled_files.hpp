@@ -20,7 +20,7 @@ class SettledFiles {
 
   /// Names (numbers in them by value) whose size and time of change have been the same for `settle_s`, and
   /// which are not done.
-  [[nodiscard]] std::vector<std::string> look(Clock::time_point now);
+  [[nodiscard]] std::vector<std::string> new_files(Clock::time_point now);
   /// The file is taken; it comes again only if it changes.
   void done(const std::string& name) { files_.at(name).done = true; }
   /// How long the file has not changed, s.

@@ -301,16 +301,16 @@ void Site::conclude_next() {
   if (stale.empty()) return;
   previewed_ = stale.size() >= k_newest_first_from && !newest_is_shown_ && !previewed_;
   newest_is_shown_ = newest_is_shown_ || previewed_;
-  conclude(previewed_ ? *stale.rbegin() : *stale.begin(), previewed_);
+  publish_step(previewed_ ? *stale.rbegin() : *stale.begin(), previewed_);
 }
 
-void Site::conclude(std::size_t step, bool preview) {
+void Site::publish_step(std::size_t step, bool preview) {
   std::shared_ptr<Line> line;
   std::string trouble;
   try {
     // Sums of steps are brought up to date here: who reads them (`form_up_to`) waits for one update.
     const std::lock_guard lock(engine_mutex_);
-    assimilation::StepResult result = preview ? engine_->preview(step) : engine_->conclude(step);
+    assimilation::StepResult result = preview ? engine_->preview(step) : engine_->posterior_at(step);
     model_->amend(result);
     if (const auto added = adding_us_.extract(step)) result.update.elapsed_us.projection += added.mapped();
     observe_phases(result);

@@ -83,7 +83,7 @@ class Site : public SiteFacts {
   [[nodiscard]] double time_of(std::optional<std::int64_t> step) const;
   [[nodiscard]] std::int64_t sensor_of(const EntryRequest& request) const;
   void retract(std::size_t step);
-  void conclude(std::size_t step, bool preview);
+  void publish_step(std::size_t step, bool preview);
   void conclude_next();
   void publish(std::shared_ptr<Line> line, bool judged);
   [[nodiscard]] std::shared_ptr<Line> line_of(const assimilation::StepResult& result,

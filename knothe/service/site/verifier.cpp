@@ -169,7 +169,7 @@ std::shared_ptr<const ServedModel> Verifier::refine(const Question& question) {
   v.trouble.clear();
   try {
     auto engine = engine_of(*question.model, question.data);
-    assimilation::StepResult result = engine->conclude(question.step);
+    assimilation::StepResult result = engine->posterior_at(question.step);
     auto simulator = project::full_order_simulator(project_, folder, stop_.get_token());
     project::RefinementStart start{model::kept_solutions(*simulator, folder), v.runs, v.version, true};
     start.used = std::min(start.used, start.solutions.size());
@@ -215,7 +215,7 @@ void Verifier::hand_over(std::unique_ptr<assimilation::Engine> engine,
     if (stopping()) return;
     const std::size_t step = *engine->stale().begin();
     try {
-      assimilation::StepResult result = engine->conclude(step);
+      assimilation::StepResult result = engine->posterior_at(step);
       model->amend(result);
       show({std::move(result), model});
     } catch (const Error& error) {

@@ -16,6 +16,7 @@
 
 namespace {
 
+using namespace knothe;
 using namespace knothe::posterior;
 
 double processor_us() {
