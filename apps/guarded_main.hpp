@@ -29,8 +29,9 @@ inline int guarded_main(const char* program, const std::function<int()>& command
     // Where a text file is to blame the message begins with file:line:column, for editors that jump there.
     const std::string_view words = error.what();
     const bool names_its_place = words.find(": error: ") != std::string_view::npos;
-    std::fprintf(stderr, "%s%s%s\n", names_its_place ? "" : program,
-                 names_its_place ? "" : ": error: ", error.what());
+    const char* kind = error.status() == ExitStatus::interrupted ? ": " : ": error: ";
+    std::fprintf(stderr, "%s%s%s\n", names_its_place ? "" : program, names_its_place ? "" : kind,
+                 error.what());
     return static_cast<int>(error.status());
   } catch (const std::bad_alloc&) {
     std::fprintf(stderr, "%s: error: out of memory\n", program);

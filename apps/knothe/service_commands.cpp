@@ -16,7 +16,7 @@ void add_serve(CLI::App& app, Command& chosen) {
       ->check(CLI::Range(0, 65535));
   command.add_option("--test", arguments.test,
                      "name of the test to start or resume: letters, digits, - and _; its journal is "
-                     "NAME.TEST.journal. Default: the one without a name. If the running service has since "
+                     "NAME.TEST.journal. Default: the unnamed one. If the running service has since "
                      "moved on to another test (POST /v1/tests), that test is served");
   command.add_flag("--strict-deadline", arguments.strict_deadline,
                    "stop with status 7 at the first update that exceeds its budget");

@@ -2,7 +2,7 @@
 import { useEffect, useState } from "preact/hooks";
 import { levelLook, stateLook } from "./colour";
 import { clock, duration, given } from "./format";
-import { banner as bannerOf, structure, type Structure } from "./state";
+import { banner as bannerOf, levelWords, structure, type Structure } from "./state";
 import type { Store } from "./store";
 
 /** The age counts on between data: only this part of the page is drawn for it. */
@@ -86,7 +86,7 @@ export function BannerView({ store }: { store: Store }) {
   );
 }
 
-/** May the answer be used: of the structure and its model, whatever the service's own state is. */
+/** Can the result be used: of the structure and its model, whatever the service's own state is. */
 function StructureView({ level, reason }: Structure) {
   const look = levelLook[level];
   return (
@@ -98,7 +98,7 @@ function StructureView({ level, reason }: Structure) {
         aria-live="polite"
         id="structure"
       >
-        <span aria-hidden="true">{look.sign}</span> structure {level.toUpperCase()}
+        <span aria-hidden="true">{look.sign}</span> {levelWords[level]}
       </div>
       <p class="reason structure" id="verdict">
         {reason}

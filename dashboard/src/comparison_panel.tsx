@@ -21,10 +21,10 @@ export function ComparisonPanel({ comparison, close, props, theme }: Props) {
   const other = comparison?.lines;
   const specs = useMemo(() => {
     if (!comparison || !other) return [];
-    const here = model?.test || "without a name";
+    const here = model?.test || "unnamed test";
     const sides = [
       { label: here, lines },
-      { label: comparison.name || "without a name", lines: other },
+      { label: comparison.name || "unnamed test", lines: other },
     ] as const;
     return comparisonSpecs(sides, model, quantitiesIn(model, line ?? other[other.length - 1]), theme);
   }, [comparison, lines, version, model, theme]);

@@ -1,7 +1,7 @@
 /** Keys, the words of the state, and how to read the pictures. */
 import { useEffect, useRef, useState } from "preact/hooks";
 import { levelLook, stateLook } from "./colour";
-import { usual, usualLevel } from "./state";
+import { levelWords, usual, usualLevel } from "./state";
 import { stateWords, verdictLevels } from "./types";
 
 export const keys: [string, string][] = [
@@ -40,7 +40,7 @@ export function Help({ open, close, version }: { open: boolean; close: () => voi
           <div key={level}>
             <dt>
               <span class="chip" style={{ background: levelLook[level].colour, color: levelLook[level].ink }}>
-                {levelLook[level].sign} structure {level.toUpperCase()}
+                {levelLook[level].sign} {levelWords[level]}
               </span>
             </dt>
             <dd>{usualLevel[level]}</dd>

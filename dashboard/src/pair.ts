@@ -7,7 +7,7 @@ export interface Interval {
   high: number;
 }
 
-/** Around the posterior, 4.5 standard deviations each way, inside the prior's box; or the whole box. */
+/** Around the posterior, 4.5 standard deviations each way, inside the allowed range; or all of that range. */
 export function axisOf(
   k: number,
   line: StepLine,
@@ -22,7 +22,7 @@ export function axisOf(
   return { low: Math.max(lower, line.mean[k]! - 4.5 * std), high: Math.min(upper, line.mean[k]! + 4.5 * std) };
 }
 
-/** A posterior much narrower than the box is seen only close up. */
+/** A posterior much narrower than that range is seen only close up. */
 export function isNarrow(line: StepLine, parameters: readonly ParameterDescription[]): boolean {
   return line.mean.some((_, k) => {
     const p = parameters[k];

@@ -131,8 +131,8 @@ export function ForecastPanel(props: PlotProps & { quantity: number; setQuantity
   const title = q ? `Forecast: ${quantityWords(q)}` : "Forecast";
   const passed = q?.horizon !== undefined && props.line !== undefined && props.line.time > q.horizon;
   const note = passed
-    ? "The horizon has passed: from there on, what was is estimated, not forecast."
-    : "Each time shows the forecast made then.";
+    ? "Beyond the horizon line: estimates, not forecasts."
+    : "Each point: the forecast made at that time.";
   return (
     <ChartsPanel
       id="forecast"

@@ -68,7 +68,7 @@ export function Scrub({ lines, version, chosen, line, events, theme, choose, pla
       </button>
       <p>
         {past && line
-          ? `You look at step ${line.step} (t = ${given(line.time)}${clockOf(line)}), ${last - line.step} steps before the latest.`
+          ? `Viewing step ${line.step} (t = ${given(line.time)}${clockOf(line)}), ${last - line.step} steps before the latest.`
           : line
             ? `Step ${line.step}, t = ${given(line.time)}${clockOf(line)}: the latest.`
             : "No step yet."}

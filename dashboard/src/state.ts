@@ -57,7 +57,7 @@ export interface Structure {
   reason: string;
 }
 
-/** What the verdict on the latest step says of the answer; nothing where there is no verdict. */
+/** What the verdict on the latest step says of the result; nothing where there is no verdict. */
 export function structure(status: Status | undefined, latest: StepLine | undefined): Structure | undefined {
   const level = latest?.verdict?.level ?? status?.structure;
   return level && { level, reason: sentence(firstReason(latest?.verdict) ?? usualLevel[level]) };
@@ -70,9 +70,16 @@ export function firstReason(verdict: Verdict | undefined): string | undefined {
 
 /** What the levels mean; the help says it too. */
 export const usualLevel: Record<VerdictLevel, string> = {
-  ok: "Nothing speaks against the answer: the data fit the model and its noise.",
-  caution: "Use the answer knowing the reasons.",
-  reject: "Do not use the answer.",
+  ok: "No problem found: the data fit the model and its noise.",
+  caution: "Usable, with the caveats given.",
+  reject: "Do not use the result.",
+};
+
+/** The verdict as the page shows it. */
+export const levelWords: Record<VerdictLevel, string> = {
+  ok: "Result: usable",
+  caution: "Result: usable with caveats",
+  reject: "Result: do not use",
 };
 
 function sentence(text: string): string {
@@ -85,7 +92,7 @@ export const usual: Record<StateWord, string> = {
   OK: "Data arrive in time, and the last update passed its checks.",
   DEGRADED: "Updates are late or could not be verified: shown is the last state that passed its checks.",
   STALE: "Data have stopped.",
-  BIASED: "The last data do not fit the model, whatever its parameters: believe its numbers with care.",
+  BIASED: "The last data do not fit the model, whatever its parameters: treat its numbers with caution.",
   DIVERGED: "The last update failed: shown is the last state that was verified.",
   FINISHED: "The test is finished: no more data are taken.",
 };

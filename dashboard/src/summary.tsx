@@ -96,7 +96,7 @@ export function Summary({ model, line, theme }: Props) {
   );
 }
 
-/** The posterior's interval inside the prior's box: how much the data have narrowed it. */
+/** The posterior's interval inside the allowed range: how much the data have narrowed it. */
 function Interval(p: { low: number; high: number; from: number; to: number; middle: number; theme: Theme }) {
   const at = (v: number): number => 100 * Math.min(1, Math.max(0, (v - p.low) / (p.high - p.low)));
   return (
@@ -106,7 +106,7 @@ function Interval(p: { low: number; high: number; from: number; to: number; midd
         viewBox="0 0 100 8"
         preserveAspectRatio="none"
         role="img"
-        aria-label="Interval inside the prior's box"
+        aria-label="Interval inside the allowed range"
       >
         <rect x="0" y="2.5" width="100" height="3" fill={p.theme.grid} />
         <rect x={at(p.from)} y="1" width={Math.max(0.8, at(p.to) - at(p.from))} height="6" fill={p.theme.blue} />
@@ -114,7 +114,7 @@ function Interval(p: { low: number; high: number; from: number; to: number; midd
       </svg>
       <p class="ends">
         <span>{significant(p.low, 2)}</span>
-        <span>prior's box</span>
+        <span>allowed range</span>
         <span>{significant(p.high, 2)}</span>
       </p>
     </>

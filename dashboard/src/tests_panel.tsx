@@ -7,7 +7,7 @@ import { SignedForm } from "./signed_form";
 import type { TestRecord } from "./types";
 
 export function testWords(name: string): string {
-  return name ? `test "${name}"` : "the test without a name";
+  return name ? `test "${name}"` : "the unnamed test";
 }
 
 /** When it was begun, how much it holds, whether it goes on. */
@@ -16,7 +16,7 @@ export function testState(test: TestRecord): string {
   const begun = test.begun_at === undefined ? [] : [`begun ${clock(test.begun_at)}`];
   const held =
     test.current || test.records === undefined ? [] : [test.records === 1 ? "1 datum" : `${test.records} data`];
-  const state = test.current ? (test.finished ? "finished" : "runs now") : test.finished ? "finished" : "not finished";
+  const state = test.current ? (test.finished ? "finished" : "running") : test.finished ? "finished" : "not finished";
   return [...begun, ...held, state].join(", ");
 }
 
@@ -38,7 +38,7 @@ export function TestsPanel({ tests, api, compare }: Props) {
     <Panel
       id="tests"
       title="Tests"
-      note="Each specimen is a test of its own: it begins from the prior, with a journal of its own. Earlier tests stay as they are."
+      note="Start a new test for each specimen; earlier tests are kept."
     >
       {beginning ? (
         <SignedForm
@@ -70,7 +70,7 @@ export function TestsPanel({ tests, api, compare }: Props) {
         {tests.map((test) => (
           <li key={test.name} class={test.current ? "current" : ""}>
             <p>
-              <b>{test.name || "(without a name)"}</b> <span class="at">{testState(test)}</span>
+              <b>{test.name || "Unnamed test"}:</b> <span class="at">{testState(test)}</span>
             </p>
             {!test.current && !test.problem && back !== test.name && (
               <>

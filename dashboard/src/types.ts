@@ -42,7 +42,7 @@ export interface StepLine {
 export const verdictLevels = ["ok", "caution", "reject"] as const;
 export type VerdictLevel = (typeof verdictLevels)[number];
 
-/** May the answer be used, and why not. */
+/** Can the result be used, and why not. */
 export interface Verdict {
   level: VerdictLevel;
   reasons: { level: VerdictLevel; message: string }[];

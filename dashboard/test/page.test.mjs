@@ -61,11 +61,11 @@ test("shows the numbers that the service returns, now and back in time", async (
   await page.keyboard.press("ArrowLeft");
   await page.keyboard.press("Shift+ArrowLeft");
   const past = service.known.at(-13);
-  await until(page, ".scrub p", new RegExp(`You look at step ${past.step} `));
+  await until(page, ".scrub p", new RegExp(`Viewing step ${past.step} `));
   await compareNumbers(page, past);
   assert.match(await text(page, "#step"), new RegExp(`^${next.step}\\b`));
   await page.keyboard.press("Home");
-  await until(page, ".scrub p", /You look at step 0 /);
+  await until(page, ".scrub p", /Viewing step 0 /);
   await compareNumbers(page, service.known[0]);
   await page.keyboard.press("l");
   await until(page, ".scrub p", /the latest/);
@@ -145,11 +145,11 @@ test("the state is said in words, with its cause; silence becomes STALE", async 
 
 test("the structure has a state of its own, with its first reason; a withdrawn step is forgotten", async (t) => {
   const { page, service } = await open(t, { start: 50 });
-  await until(page, "#structure", /structure OK/);
+  await until(page, "#structure", /Result: usable$/);
   const message = "the data do not fit the model: component y has the wrong sign";
   service.recording.lines[service.count].verdict = verdict("reject", "fit", message);
   service.advance();
-  await until(page, "#structure", /structure REJECT/);
+  await until(page, "#structure", /Result: do not use/);
   await until(page, "#verdict", /^The data do not fit the model: component y has the wrong sign\.$/);
   await until(page, "#state", /OK/);
   await until(page, ".events", /component y has the wrong sign/);
@@ -157,7 +157,7 @@ test("the structure has a state of its own, with its first reason; a withdrawn s
   service.withdraw();
   await until(page, "#step", new RegExp(`^${service.known.at(-1).step}\\b`));
   assert.notEqual(step, service.known.at(-1).step);
-  await until(page, "#structure", /structure OK/);
+  await until(page, "#structure", /Result: usable$/);
 });
 
 test("another configuration behind the same address: what was there is forgotten", async (t) => {
@@ -395,7 +395,7 @@ test("keys: help, play, panels, forecasts, colours", async (t) => {
     new MutationObserver(look).observe(document.body, { subtree: true, childList: true, characterData: true });
   });
   await page.keyboard.press(" ");
-  await page.waitForFunction(() => window.written.some((line) => /You look at step [1-9]/.test(line)));
+  await page.waitForFunction(() => window.written.some((line) => /Viewing step [1-9]/.test(line)));
   await page.keyboard.press(" ");
 });
 
@@ -472,7 +472,7 @@ test("an alarm is acknowledged, and a note written at the step that is looked at
 test("the next specimen's test is begun, after a question, and the page begins anew", async (t) => {
   const { page, service } = await open(t, { start: 60 });
   await page.locator("[data-parameter]").first().waitFor();
-  await until(page, "#tests", /\(without a name\) runs now/);
+  await until(page, "#tests", /Unnamed test: running/);
   await page.getByRole("button", { name: "begin the next specimen's test" }).click();
   await page.getByLabel("Name of the next test").fill("b 2");
   await page.locator("#tests").getByLabel("Your name").fill("Ada");
@@ -480,7 +480,7 @@ test("the next specimen's test is begun, after a question, and the page begins a
   assert.equal(await page.locator(".confirm").count(), 0, "a name with a blank is refused by the form");
   await page.getByLabel("Name of the next test").fill("b-2");
   await page.getByRole("button", { name: "Begin the next test" }).click();
-  await until(page, ".confirm", /Is the next specimen in place\? The test without a name is finished, .*test "b-2"/);
+  await until(page, ".confirm", /Is the next specimen in place\? The unnamed test is finished, .*test "b-2"/);
   await page.screenshot({ path: join(pictures, "next-test.png"), fullPage: true });
   await page.getByRole("button", { name: "No", exact: true }).click();
   assert.equal(service.test, "");
@@ -488,14 +488,14 @@ test("the next specimen's test is begun, after a question, and the page begins a
   await page.getByRole("button", { name: "Yes: begin the next test" }).click();
   await until(page, "#test", /^b-2$/);
   await until(page, "#step", /^–/);
-  await until(page, "#tests", /\(without a name\) 60 data, finished.*b-2 begun .*runs now/);
+  await until(page, "#tests", /Unnamed test: 60 data, finished.*b-2: begun .*running/);
   await until(page, "#logbook", /Ada.* began this test/);
   service.advance();
   await until(page, "#step", /^0\b/);
   for (let k = 0; k < 40; k += 1) service.advance();
   await page.getByRole("button", { name: "compare" }).click();
-  await until(page, "#comparison h2", /Comparison with the test without a name/);
-  await until(page, "#comparison", /b-2: median [\d.]+[^]*without a name: median [\d.]+/);
+  await until(page, "#comparison h2", /Comparison with the unnamed test/);
+  await until(page, "#comparison", /b-2: median [\d.]+[^]*unnamed test: median [\d.]+/);
   assert.equal(await page.locator("#comparison .chart").count(), 5, "two parameters, three forecasts");
   await page.waitForTimeout(500);
   await page.locator("#comparison").screenshot({ path: join(pictures, "comparison.png") });

@@ -99,7 +99,7 @@ test("the page on the real service", async (t) => {
   await page.locator(".scrub input").fill("15");
   await until(page, "#parameters .legend", /median –/);
   await page.locator(".scrub input").fill("12");
-  await until(page, ".scrub p", /You look at step 12 /);
+  await until(page, ".scrub p", /Viewing step 12 /);
   await compareNumbers(page, (await get("v1/states?from=12"))[0]);
   await page.keyboard.press("l");
 
@@ -158,11 +158,11 @@ test("the page on the real service", async (t) => {
   await page.getByRole("button", { name: "Begin the next test" }).click();
   await page.getByRole("button", { name: "Yes: begin the next test" }).click();
   await until(page, "#test", /^second$/);
-  await until(page, "#tests", /\(without a name\) 29 data, finished/);
+  await until(page, "#tests", /Unnamed test: 29 data, finished/);
   for (const datum of data.slice(0, 5)) await post(datum);
   await shown(4);
   await page.getByRole("button", { name: "compare" }).click();
-  await until(page, "#comparison", /second: median [\d.]+[^]*without a name: median [\d.]+/);
+  await until(page, "#comparison", /second: median [\d.]+[^]*unnamed test: median [\d.]+/);
   assert.equal((await get("v1/states?test=")).length, lines.length);
 
   // Another specimen under the page that was left open: nothing of the one before stays.

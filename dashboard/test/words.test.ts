@@ -107,7 +107,7 @@ test("the structure's state is the verdict's, with the first reason of its level
   assert.equal(structure({ state: "OK" }, stepLine(1)), undefined);
   assert.equal(
     structure({ state: "OK", structure: "caution" }, undefined)?.reason,
-    "Use the answer knowing the reasons.",
+    "Usable, with the caveats given.",
   );
   const line = stepLine(1, { verdict: { level: "reject", reasons: [caution, reject] } });
   assert.deepEqual(structure({ state: "STALE" }, line), { level: "reject", reason: "The data do not fit." });

@@ -4,11 +4,11 @@ import { readFileSync } from "node:fs";
 /** A mistake of the configuration: the bridge ends with status 3. */
 export class ConfigurationError extends Error {}
 
-const text = (value) => (typeof value === "string" && value !== "" ? "" : "must be a text that is not empty");
+const text = (value) => (typeof value === "string" && value !== "" ? "" : "must be a string that is not empty");
 const number = (value) => (Number.isFinite(value) ? "" : "must be a number");
-const positive = (value) => (value > 0 && Number.isFinite(value) ? "" : "must be a positive number");
+const positive = (value) => (value > 0 && Number.isFinite(value) ? "" : "must be a number > 0");
 const index = (value) =>
-  Number.isInteger(value) && value >= 0 && value <= 65535 ? "" : "must be a whole number from 0 to 65535";
+  Number.isInteger(value) && value >= 0 && value <= 65535 ? "" : "must be an integer from 0 to 65535";
 const table = (value) => (value && typeof value === "object" && !Array.isArray(value) ? "" : "must be a table {…}");
 const instant = (value) =>
   typeof value === "string" && /^\d{4}-.*T.*(Z|[+-]\d\d:\d\d)$/.test(value) && !Number.isNaN(Date.parse(value))
@@ -43,7 +43,7 @@ const members = {
   },
   modbus: {
     address: [(value) => (/^[^:]+:\d+$/.test(value) ? "" : 'must be "HOST:PORT"; 502 is usual'), true],
-    device: [(value) => index(value) || (value > 255 ? "must be a whole number from 0 to 255" : "")],
+    device: [(value) => index(value) || (value > 255 ? "must be an integer from 0 to 255" : "")],
     timeout: [positive],
   },
   channel: { every: [positive, true], scale: [number], offset: [number], unit: [text] },

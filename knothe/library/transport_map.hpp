@@ -88,9 +88,9 @@ struct MapSolution {
 };
 
 /// Finds the mode, then maps of rising order until one is good on points that were not used to train it, then
-/// weights its points. Where no map is good enough and the density has a gradient, the posterior is by draws
-/// that take a few variables first and the others from a Gaussian; its remark says so. In many variables a
-/// low `max_order` saves time then. The density need not be normalised; its integral is the evidence. Errors:
+/// weights its points. If no map is accurate enough and a gradient exists, the solver samples a few variables
+/// and treats the others as Gaussian given those; `remark` then says so. In many variables a low `max_order`
+/// saves time then. The density need not be normalised; its integral is the evidence. Errors:
 /// UsageError for a density without dimension or value, or, if it is `standardised`, with a gradient that is
 /// not its own, NumericalError for one that gives NaN or is zero wherever it was tried.
 [[nodiscard]] KNOTHE_EXPORT MapSolution solve_map(const Density& density, const MapOptions& options = {});

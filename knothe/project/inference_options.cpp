@@ -38,10 +38,10 @@ const Section<ObservationOptions>& observation_section() {
         s.add("std", &O::std, "Standard deviation of the noise of each value.");
         s.add("covariance", &O::covariance, "Covariance of the noise instead: symmetric, positive definite.");
         s.add("dofs", &O::dofs, "Separated model: indices of the dofs observed, all of them at each step.",
-              of_shape("whole numbers from 0"));
+              of_shape("integers ≥ 0"));
         s.add("steps", &O::steps,
               "Separated model: indices of the time steps observed; the values are ordered step by step.",
-              of_shape("whole numbers from 0"));
+              of_shape("integers ≥ 0"));
         s.add("output", &O::output, "Separated model: observe this output of the model instead of dofs.");
       });
   return k_section;

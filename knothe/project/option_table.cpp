@@ -28,28 +28,28 @@ std::span<const Option> option_table() {
 std::string describe(ValueKind kind) {
   switch (kind) {
     case K::text:
-      return "a text";
+      return "string";
     case K::path:
-      return "a path";
+      return "path";
     case K::integer:
-      return "a non-negative whole number";
+      return "integer ≥ 0";
     case K::number:
-      return "a finite number";
+      return "finite number";
     case K::positive:
-      return "a positive number";
+      return "number > 0";
     case K::non_negative:
-      return "a number that is not negative";
+      return "number ≥ 0";
     case K::choice:
-      return "one of the words given";
+      return "string";
     case K::numbers:
-      return "an array of finite numbers";
+      return "array of finite numbers";
     case K::texts:
-      return "an array of texts";
+      return "array of strings";
     case K::matrix:
-      return "an array of rows of finite numbers, all of the same length";
+      return "array of rows of finite numbers, all of the same length";
     case K::table:
     case K::free_table:
-      return "a table";
+      return "table";
   }
   return {};
 }

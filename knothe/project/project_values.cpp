@@ -250,8 +250,9 @@ class Reader {
   void wrong(const Option& option, const std::string& path, const toml::node& node,
              const toml::source_position& where) {
     const auto& position = node.source().begin.line > 0 ? node.source().begin : where;
-    complain(position,
-             fmt::format("\"{}\" must be {}, not {}", path, describe(option.kind), words_for(node)));
+    const std::string kind = describe(option.kind);
+    const char* article = kind.starts_with('a') || kind.starts_with('i') ? "an" : "a";
+    complain(position, fmt::format("\"{}\" must be {} {}, not {}", path, article, kind, words_for(node)));
   }
 
   template <class T>

@@ -43,7 +43,7 @@ std::string forecast_text(const assimilation::NamedForecast& named) {
   };
   const double above = f.probability_above_threshold;
   std::string text = fmt::format("{} at time {:g}{}: {}, most probable {}, 95 % in [{}, {}]", named.name,
-                                 named.horizon, named.is_past ? " (past: no longer a forecast)" : "",
+                                 named.horizon, named.is_past ? " (past: an estimate, not a forecast)" : "",
                                  value_text(f.mean, f.std, named.units), number(f.maximum_a_posteriori),
                                  number(f.values.front()), number(f.values.back()));
   if (named.threshold_stated)

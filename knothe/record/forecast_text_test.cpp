@@ -37,7 +37,7 @@ TEST(ForecastText, SaysHorizonThresholdAndBothProbabilities) {
   EXPECT_EQ(forecast_text(tip),
             "tip at time 0.3: −0.4012 ± 0.0012 mm, most probable −0.4010, 95 % in [−0.4036, −0.3988]");
   tip.is_past = true;
-  EXPECT_EQ(forecast_text(tip).substr(0, 46), "tip at time 0.3 (past: no longer a forecast): ");
+  EXPECT_EQ(forecast_text(tip).substr(0, 53), "tip at time 0.3 (past: an estimate, not a forecast): ");
 }
 
 TEST(PhysicalParameters, UnitsAreThoseOfTheReferenceValue) {

@@ -52,7 +52,7 @@ class Located {
   [[nodiscard]] std::size_t count(const char* key) const {
     const json& v = at(key);
     if (!v.is_number_integer() || v.get<double>() < 0.0)
-      fail(fmt::format("\"{}\" must be a whole number", key));
+      fail(fmt::format("\"{}\" must be an integer ≥ 0", key));
     return v.get<std::size_t>();
   }
   [[nodiscard]] std::vector<double> numbers(const char* key) const { return numbers(at(key), key); }

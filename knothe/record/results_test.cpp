@@ -97,7 +97,7 @@ TEST(Results, BrokenInputsAreNamedByFileAndLine) {
             path + ":4: error: \"forecast\": \"crack\": \"maximum_a_posteriori\" must be a finite number");
   EXPECT_EQ(broken(1, "\"mean\":[", "\"mean\":[0.1,"), path + ":1: error: \"covariance\" must have 3 rows");
   EXPECT_EQ(broken(1, "\"time\":0.01", "\"time\":1e999").find(path + ":1: error: not valid JSON"), 0u);
-  EXPECT_EQ(broken(1, "\"used\":60", "\"used\":-1"), path + ":1: error: \"used\" must be a whole number");
+  EXPECT_EQ(broken(1, "\"used\":60", "\"used\":-1"), path + ":1: error: \"used\" must be an integer ≥ 0");
   write_lines(path, {});
   EXPECT_EQ(message_of(folder), path + ":1: error: no assimilated step in it");
   std::filesystem::remove(path);

@@ -256,8 +256,8 @@ def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Call
     """A transport map of a density, and what follows from it.
 
     Finds the mode, then maps of rising order until one is good on points that it was not trained on, then weights.
-    Where no map is good enough and a gradient is given, the posterior is by draws that take a few variables first and the
-    others from a Gaussian (hierarchical models, tens of variables); `remark` says so. Give a low `max_order` there, and
+    If no map is accurate enough and a gradient exists, the solver samples a few variables and treats the others as Gaussian
+    given those (hierarchical models, tens of variables); `remark` then says so. Give a low `max_order` there, and
     compiled functions: it takes two gradients for each variable at some 60,000 points.
 
     Parameters

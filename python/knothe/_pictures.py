@@ -70,7 +70,7 @@ def _mesh(mesh: "str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | None") -
         return np.column_stack([x, y]), elements
     nodes, given = points_of(mesh[0], 2, "nodes of a mesh"), np.asarray(mesh[1])
     if given.ndim != 2 or given.shape[1] not in (3, 4) or len(given) == 0 or given.dtype.kind not in "iu":
-        raise UsageError(f"mesh: elements of shape {given.shape} and type {given.dtype}: give whole numbers, m x 3 or m x 4")
+        raise UsageError(f"mesh: elements of shape {given.shape} and type {given.dtype}: give integers, m x 3 or m x 4")
     rows = np.full((len(given), 4), -1, np.int32)
     rows[:, :given.shape[1]] = given
     return nodes, rows
@@ -78,7 +78,7 @@ def _mesh(mesh: "str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | None") -
 
 def _require_scale(scale: float) -> None:
     if not 0 < scale < np.inf:
-        raise UsageError(f"scale {scale}: give metres per pixel, a positive number")
+        raise UsageError(f"scale {scale}: give metres per pixel, > 0")
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ class Datum:
     def __init__(self, step: int, values: ArrayLike, std: ArrayLike | None = None, precision: Precision | None = None,
                  source: str = "", session: str = "", seq: int | None = None) -> None:
         if not isinstance(step, (int, np.integer)) or step < 0:
-            raise UsageError(f"step {step}: steps of data are whole numbers and count from 0")
+            raise UsageError(f"step {step}: steps of data are integers ≥ 0")
         numbers = measured_values(values).ravel()
         deviations, rows = noise_values(std, precision, len(numbers))
         self._native = _knothe.Datum(step, numbers, deviations, rows, source, session, step if seq is None else seq)

@@ -38,7 +38,7 @@ class Normal:
     std: float
 
     def __post_init__(self) -> None:
-        _require(np.isfinite(self.mean) and 0 < self.std < np.inf, self, "the mean is a finite number, the std a positive one")
+        _require(np.isfinite(self.mean) and 0 < self.std < np.inf, self, "the mean must be finite, the std > 0")
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Lognormal:
     sigma: float
 
     def __post_init__(self) -> None:
-        _require(np.isfinite(self.mu) and 0 < self.sigma < np.inf, self, "mu is a finite number, sigma a positive one")
+        _require(np.isfinite(self.mu) and 0 < self.sigma < np.inf, self, "mu must be finite, sigma > 0")
 
 
 Prior = Union[Normal, Uniform, Lognormal]
@@ -185,7 +185,7 @@ class Axis:
     reference: float = 1.0
 
     def __post_init__(self) -> None:
-        _require(np.isfinite(self.reference) and self.reference != 0, self, "the reference is a finite number other than 0")
+        _require(np.isfinite(self.reference) and self.reference != 0, self, "the reference must be finite and not 0")
 
     def _labels(self, name: str) -> tuple[str, list[float], str, str, float]:
         """In the form that the module needs."""
@@ -320,14 +320,14 @@ def require_progress(progress: Any) -> None:
 def count_of(count: int, what: str) -> int:
     """A number of things: a whole one, not negative."""
     if not hasattr(count, "__index__") or count < 0:
-        raise UsageError(f"{count!r} {what}: give a whole number that is not negative")
+        raise UsageError(f"{count!r} {what}: give an integer ≥ 0")
     return int(count)
 
 
 def step_of(step: int, count: int) -> int:
     """A step among `count`; negative ones count from the end."""
     if not hasattr(step, "__index__"):
-        raise UsageError(f"step {step!r}: a step is a whole number")
+        raise UsageError(f"step {step!r}: a step is an integer")
     if not -count <= step < count:
         raise UsageError(f"step {step}: {steps_from_0(count)}")
     return int(step) % count

@@ -133,8 +133,8 @@ def damaged_length(subject) -> float:
 
 def figure_13(subject, soft, options):
     figure = Figure("13", "The crack length at the end, forecast as the data come in",
-                    "The elastic crack that moves the sensors as the damaged beam does at the final imposed displacement: each posterior "
-                    "point's, with its weight. Beside it Eq. 33 with the predicted field as a normal one, prior N(40 mm, (13 mm)²), and the "
+                    "For each posterior sample, the elastic crack whose sensor displacements match the damaged beam at the final "
+                    "displacement. Beside it Eq. 33 with the predicted field as a normal one, prior N(40 mm, (13 mm)²), and the "
                     "distance of the two fields estimated (the paper does not give it). Also at 0.12 mm, where the length is still uncertain.")
     run = forecast_run(subject, {"end": 1.0, "early": 0.3}, options)
     soft_run = forecast_run(soft, {"end": 1.0}, options)

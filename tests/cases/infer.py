@@ -89,7 +89,7 @@ class Test(InferCase):
         self.assertRegex(self.expect(0, "infer", self.project_name).out, r"\d+ model evaluations, \d+ gradients, \d+ Jacobian products, ")
 
     def test_observations_that_do_not_fit_are_named(self):
-        """Trusted speaks of the computation: the sentence says what speaks against the answer."""
+        """Trusted speaks of the computation: the sentence says why the result may be wrong."""
         self.serve("linear")
         self.set_observations("values = [1.2, 40.0, -35.0]", "std = [0.3, 0.5, 0.4]")
         line = self.infer()

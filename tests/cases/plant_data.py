@@ -361,11 +361,11 @@ class Test(ServiceCase):
         self.write_configuration()
         self.refused(3, "session: is missing", "sesion: is not known here; there are service, source, session,",
                      'one of "opcua" and "modbus"', 'time.start: must be a time with its zone, such as "2026-11-23T09:00:00Z", not "yesterday"',
-                     "time.seconds: must be a positive number, not 0", 'channels.reaction_force.every: must be a positive number, not "fast"')
+                     "time.seconds: must be a number > 0, not 0", 'channels.reaction_force.every: must be a number > 0, not "fast"')
         self.configuration = json.loads(good)
         self.configuration["channels"] = {"reaction_force": {"register": 70000, "type": "float", "every": 0.1}}
         self.write_configuration()
-        self.refused(3, "register: must be a whole number from 0 to 65535, not 70000",
+        self.refused(3, "register: must be an integer from 0 to 65535, not 70000",
                      'type: must be one of "int16", "uint16", "int32", "uint32", "float32", not "float"')
         service = self.serve()
         self.configuration = json.loads(good)

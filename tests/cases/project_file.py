@@ -36,7 +36,7 @@ class Test(Case):
         self.expect(3, "check", self.project_name, stderr=[f":{self.position_of('lowr')}: error: ", 'did you mean "lower"?'])
 
     def test_a_wrong_type_is_told_with_what_is_needed(self):
-        self.expect_error("max_order = 8", 'max_order = "eight"', '"eight"', "method.max_order", "whole number", "eight")
+        self.expect_error("max_order = 8", 'max_order = "eight"', '"eight"', "method.max_order", "integer ≥ 0", "eight")
 
     def test_an_order_that_no_map_has_is_refused(self):
         self.expect_error("max_order = 8", "max_order = 1000", "max_order", "method.max_order", "at most 23")

@@ -111,7 +111,7 @@ class Test(CaseInItsFolder):
         self.refused(knothe.UsageError, "step 3 is not assimilated", call=lambda: twin.withdraw(3))
         self.refused(knothe.UsageError, "step 99: there are steps 0 to 11", call=lambda: twin.assimilate(knothe.Datum(99, datum.values)))
         self.refused(knothe.UsageError, "takes a Datum, not ndarray", call=lambda: twin.assimilate(datum.values))
-        self.refused(knothe.UsageError, "step 0.5: steps of data are whole numbers", call=lambda: knothe.Datum(0.5, datum.values))
+        self.refused(knothe.UsageError, "step 0.5: steps of data are integers ≥ 0", call=lambda: knothe.Datum(0.5, datum.values))
         self.refused(knothe.UsageError, "2 values", call=lambda: twin.assimilate(knothe.Datum(1, [0.0, 0.0])))
         self.refused(knothe.UsageError, "no datum", call=lambda: knothe.Twin(self.project_name).posterior)
         self.refused(knothe.UsageError, "give a project file, or model", call=lambda: knothe.Twin())

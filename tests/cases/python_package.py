@@ -141,15 +141,15 @@ class Test(CaseInItsFolder):
         self.refused(knothe.UsageError, "the log-density gave 'high', not a number", call=lambda: knothe.fit(lambda p: "high", 2))
         self.refused(knothe.UsageError, "the gradient gave 'steep', not numbers",
                      call=lambda: knothe.fit(ridge, 2, gradient=lambda p: "steep"))
-        self.refused(knothe.UsageError, "-1 draws: give a whole number", call=lambda: knothe.fit(ridge, 2).map.sample(-1))
-        self.refused(knothe.UsageError, "-1 as seed: give a whole number", call=lambda: knothe.fit(ridge, 2).map.sample(3, seed=-1))
-        self.refused(knothe.UsageError, "-5 samples: give a whole number",
+        self.refused(knothe.UsageError, "-1 draws: give an integer ≥ 0", call=lambda: knothe.fit(ridge, 2).map.sample(-1))
+        self.refused(knothe.UsageError, "-1 as seed: give an integer ≥ 0", call=lambda: knothe.fit(ridge, 2).map.sample(3, seed=-1))
+        self.refused(knothe.UsageError, "-5 samples: give an integer ≥ 0",
                      call=lambda: knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0, samples=-5))
         self.refused(knothe.UsageError, "dofs: -1: they count from 0", call=lambda: knothe.Model.load("model.h5")([1, 1], 0, dofs=[0, -1]))
-        self.refused(knothe.UsageError, "step 1.5: a step is a whole number", call=lambda: knothe._values.step_of(1.5, 3))
-        for prior, values, rule in ((knothe.Normal, (1, -1), "Normal(mean=1, std=-1): the mean is a finite number, the std a positive one"),
+        self.refused(knothe.UsageError, "step 1.5: a step is an integer", call=lambda: knothe._values.step_of(1.5, 3))
+        for prior, values, rule in ((knothe.Normal, (1, -1), "Normal(mean=1, std=-1): the mean must be finite, the std > 0"),
                                     (knothe.Uniform, (2, 1), "Uniform(lower=2, upper=1): the bounds are finite"),
-                                    (knothe.Lognormal, (float("nan"), 1), "Lognormal(mu=nan, sigma=1): mu is a finite number")):
+                                    (knothe.Lognormal, (float("nan"), 1), "Lognormal(mu=nan, sigma=1): mu must be finite")):
             self.refused(knothe.UsageError, rule, call=lambda prior=prior, values=values: prior(*values))
         statuses = {name: getattr(knothe, name).status for name in
                     ("Error", "UsageError", "ProjectError", "DataError", "IoError", "NumericalError", "Interrupted")}
@@ -553,7 +553,7 @@ void slope(const double *p, size_t d, double *out) {
         np.testing.assert_allclose(by_file.correlate(deformed).u, moved.u[order], atol=1e-9)
         for mesh, text in (((nodes, [[0, 1, 9]]), "element 0 has the node 9; there are 6 nodes"),
                            ((nodes, [[0, 1, 4]]), "node 2 belongs to no element; leave it out"),
-                           ((nodes, [[0.5, 1, 4]]), "give whole numbers, m x 3 or m x 4"),
+                           ((nodes, [[0.5, 1, 4]]), "give integers, m x 3 or m x 4"),
                            ((nodes * 2, elements), "outside the picture of 96"), ("nowhere.msh", "nowhere.msh")):
             self.refused(knothe.Error, text, call=lambda mesh=mesh: knothe.Correlation(reference, mesh=mesh))
         self.refused(knothe.UsageError, "leave out roi", call=lambda: knothe.Correlation(reference, (0, 0, 50, 50), mesh=(nodes, elements)))

@@ -79,7 +79,7 @@ class Test(Case):
 
     def test_the_console_has_digits_enough_and_says_what_a_forecast_is_for(self):
         out = self.expect(0, "forecast", self.project_name).out
-        self.assertRegex(out, r"force at time 0\.75 \(past: no longer a forecast\): \d+\.?\d* ± \d[\d.]* N, most probable .*; threshold 1150 N: P\(above\) .* %, P\(below\) .* %")
+        self.assertRegex(out, r"force at time 0\.75 \(past: an estimate, not a forecast\): \d+\.?\d* ± \d[\d.]* N, most probable .*; threshold 1150 N: P\(above\) .* %, P\(below\) .* %")
         self.assertRegex(out, r"deflection at time 1: −0\.\d{4,} ± 0\.0*[1-9]\d? mm, .*threshold −0\.37 mm: P\(above\)")
         self.assertNotRegex(out, r"e-\d")
         table = self.expect(0, "assimilate", self.project_name).out

@@ -144,7 +144,7 @@ class Test(ServiceCase):
                     service.wait_until(lambda: not service.get("/v1/status")[1]["read_only"])
                     self.expect_stored(service.send(self.data[1]), 1)
                 service.stop()
-                self.assertEqual("every acknowledged measurement is in the journal" in service.logged(), accident == "renamed")
+                self.assertEqual("All acknowledged data are saved" in service.logged(), accident == "renamed")
 
     def test_a_journal_that_goes_while_nothing_comes_is_noticed(self):
         service = self.serve()

@@ -123,7 +123,7 @@ class Test(ServiceCase):
                                  ({"name": "a/b", "by": "Ada"}, "Malformed", "letters, digits"),
                                  ({"name": "", "by": "Ada"}, "Malformed", "must not be empty"),
                                  ({"name": "x" * 65, "by": "Ada"}, "Malformed", "at most 64"),
-                                 ({"name": 3, "by": "Ada"}, "Malformed", '"name" must be a text')):
+                                 ({"name": 3, "by": "Ada"}, "Malformed", '"name" must be a string')):
             answer = service.post("/v1/tests", body)
             self.expect_error(answer, 400, kind)
             self.assertIn(said, answer[1]["error"]["message"])
@@ -166,7 +166,7 @@ class Test(ServiceCase):
         self.begin(service, "second")
         late = self.data[1] | {"test": ""}
         self.expect_error(service.send(late), 409, "OtherTest")
-        self.assertIn('the datum is for the test without a name, and the test "second" runs', service.send(late)[1]["error"]["message"])
+        self.assertIn('the datum is for the unnamed test, and the test "second" runs', service.send(late)[1]["error"]["message"])
         self.expect_error(service.send(late | {"test": "third"}), 409, "OtherTest")
         self.expect_error(service.send(late | {"test": 2}), 400, "Malformed")
         self.expect_stored(service.send(self.data[1] | {"test": "second"}), step=1)

@@ -29,7 +29,7 @@ struct CrackForecast {
   double discrepancy_std = 0.0;
 };
 
-/// The elastic crack that moves the sensors as the damaged beam does, u_imp u_SVD(l) ≈ u = lift + A w(p).
+/// The elastic crack whose sensor displacements match the damaged beam, u_imp u_SVD(l) ≈ u = lift + A w(p).
 /// Everything that does not depend on the posterior is done once: one orthonormal basis of
 /// span{σ_k u_k, lift, A} turns all observed fields into at most N_SVD + r + 1 coordinates. The cost of an
 /// update does not depend on the number of dofs.

@@ -26,8 +26,8 @@ struct ForecastSpecification {
   std::optional<double> threshold;              ///< in the unit of the quantity; absent: the prior mean, or 0
   double prior_mean = 0.04, prior_std = 0.013;  ///< crack length, m
   std::optional<double> discrepancy_std;        ///< m, of Eq. 33; absent: estimated with the length
-  /// m; what the crack that is meant is longer by than the elastic one that moves the sensors as the beam
-  /// does (docs/explanation/forecast.md). The prior is that of the elastic one.
+  /// m; length of the crack of interest minus that of the elastic one whose sensor displacements match
+  /// (docs/explanation/forecast.md). The prior is that of the elastic one.
   double length_offset = 0;
   LengthCurve::Points length_curve;  ///< before the offset: what depends on the length
   /// Standard deviation of what the model leaves out at the horizon (of a crack length: of what its offset

@@ -1,5 +1,5 @@
 #pragma once
-/// @file Which crack moves the sensors most nearly as a given field does (Rubio et al. 2019, Eq. 14).
+/// @file The crack whose sensor displacements are closest to a given field (Rubio et al. 2019, Eq. 14).
 #include <Eigen/Core>
 #include <vector>
 

@@ -73,7 +73,7 @@ struct InferenceResult : posterior::Posterior {
   int chains = 1;
 
   std::vector<std::string> warnings;  ///< sentences: what was wrong with the model and how it was got round
-  /// Trusted or not, and why; then what speaks against the answer itself.
+  /// Trusted or not, and why; then any doubt about the result itself.
   std::string verdict;
   /// Probability of a misfit as large as that of the observations at the most probable parameters; nothing
   /// without observations.

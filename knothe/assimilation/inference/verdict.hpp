@@ -1,5 +1,5 @@
 #pragma once
-/// @file The sentences at the end: trusted or not, and why; and what speaks against the answer itself.
+/// @file The sentences at the end: trusted or not, and why; and any doubt about the result itself.
 #include <string>
 
 #include "knothe/posterior/map/solve/map_solver.hpp"

@@ -179,15 +179,14 @@ std::string explain(const SelectionStudy& study, std::size_t rank, const std::ve
   double largest = -1;
   for (Eigen::Index j = 0; j < before.size(); ++j) {
     const auto name = names[j];
-    moved +=
-        fmt::format("{}{:.3g} µm ({:.2g} times its noise, step {}) for one prior std of {}",
-                    moved.empty() ? "" : ", ", 1e6 * r.sensitivity[j], r.signal_to_noise[j], r.when[j], name);
+    moved += fmt::format("{}{}: {:.2g} σ_noise per prior σ (step {})", moved.empty() ? "" : ", ", name,
+                         r.signal_to_noise[j], r.when[j]);
     const double fall = 1 - r.posterior_std[j] / before[j];
     if (fall > largest) largest = fall, most = j;
     gained +=
         fmt::format("{}{} {:.3g} to {:.3g}", gained.empty() ? "" : ", ", name, before[j], r.posterior_std[j]);
   }
-  return fmt::format("most informative about {}: changes by {}; std of {}", names[most], moved, gained);
+  return fmt::format("most informative about {}; {}; posterior σ of {}", names[most], moved, gained);
 }
 
 }  // namespace knothe::assimilation

@@ -86,7 +86,14 @@ double pressure(const UpdateResult& update, Index a, double edge) {
   return nearer(0.5) < k_half_next_to_it ? 0 : nearer(0.8);
 }
 
-/// Whether a mistake in the data has been named, which no correction of the model repairs.
+/// A count with commas between thousands.
+std::string with_commas(double count) {
+  std::string text = fmt::format("{:.0f}", count);
+  for (auto i = std::ssize(text) - 3; i > 0; i -= 3) text.insert(static_cast<std::size_t>(i), ",");
+  return text;
+}
+
+/// Whether a data error has been named, which no correction of the model repairs.
 bool has_cause(const Verdict& verdict) {
   return std::any_of(verdict.reasons.begin(), verdict.reasons.end(), [](const VerdictReason& reason) {
     return reason.cause && *reason.cause != MisfitCause::unknown;
@@ -399,9 +406,8 @@ void Assessor::assess_sensors(const AssessedPosterior& posterior, Verdict& verdi
          update.monitor.cumulative_sum,
          update.monitor.threshold,
          fmt::format(
-             "the model does not predict the data: a correct model raises this alarm once in "
-             "{:.0f} steps{}",
-             monitor_.average_run_length,
+             "the model does not predict the data: drift detected; by chance once in {} steps{}",
+             with_commas(monitor_.average_run_length),
              posterior.corrected || has_cause(verdict) ? "" : "; bias_correction = \"auto\" allows for it"),
          {}});
   if (posterior.corrected)

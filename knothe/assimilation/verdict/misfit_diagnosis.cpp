@@ -82,7 +82,7 @@ class Diagnostician {
     if (best != tried_.end() && ((explains(best->misfit) && !explains(base_)) || best->misfit < 0.2 * base_))
       return {best->cause, best->message, 1};
     return {MisfitCause::unknown,
-            "no single mistake in the data explains it: check the model's supports, load, stiffness and law "
+            "no common data error explains it: check the model's supports, load, stiffness and law "
             "against the specimen, or let bias_correction = \"auto\" allow for it",
             1};
   }

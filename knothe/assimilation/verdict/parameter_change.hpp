@@ -19,8 +19,8 @@ struct ParameterChange {
 ///   S_k − I_k I_n⁻¹ S_n ~ N(0, I_k − I_k I_n⁻¹ I_k)
 ///
 /// if they stay the same: χ² of d degrees, the largest over the borders of the blocks, each counted. It has
-/// power where tests of the residuals have none: the misfit of a compromise between two sets of parameters
-/// lies in d of the n m directions of the data.
+/// power where tests of the residuals have none: if the parameters change during the test, the misfit appears
+/// in only d of the n m directions of the data.
 ///
 /// `w`: posterior mean of the functions, centred as the forms are, r. `tangent`: r × d, where w goes when a
 /// parameter increases by a posterior standard deviation. `level`: factor of all variances. Less than

@@ -1,5 +1,5 @@
 #pragma once
-/// @file May the answer be used? A verdict with its reasons and remedies (docs/explanation/verdict.md).
+/// @file Can the result be used? A verdict with its reasons and remedies (docs/explanation/verdict.md).
 #include <Eigen/Core>
 #include <array>
 #include <deque>

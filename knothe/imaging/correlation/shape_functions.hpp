@@ -22,7 +22,7 @@ class ShapeFunctions {
   [[nodiscard]] bool is_valid() const { return is_valid_; }
   [[nodiscard]] bool is_natural() const { return is_natural_; }
   [[nodiscard]] const Coefficients& coefficients() const { return coefficients_; }
-  /// X and Y of a place in the picture; far outside the element of a point that is outside too, no more.
+  /// X and Y of a place in the picture; for exterior points only guaranteed to lie outside.
   [[nodiscard]] std::array<double, 2> coordinates(double x, double y) const;
   [[nodiscard]] std::array<double, 4> values(double x, double y) const;
   [[nodiscard]] Gradients gradients(double x, double y) const;

@@ -11,7 +11,7 @@ namespace knothe::model {
 namespace {
 
 /// Share of the (squared) truncation error of p that the space basis may add. Small, because a few local
-/// space modes cost nothing online and carry what the data say about Y₀: with 0.09 the posterior std is wrong
+/// space modes are free at run time and carry the information about Y₀: with 0.09 the posterior std is wrong
 /// by 15 %.
 constexpr double k_space_share = 1e-4;
 

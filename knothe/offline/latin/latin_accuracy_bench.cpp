@@ -98,7 +98,7 @@ struct Judge {
   }
 };
 
-/// Columns: at each of few points, steps 15 to 30; there of the median, of nine in ten and the worst; the
+/// Columns: at each of few points, steps 15 to 30; there the median, the 90th percentile and the worst; the
 /// worst at all steps; relative.
 void print(const std::string& what, const std::vector<Error>& errors) {
   std::printf("| %s |", what.c_str());

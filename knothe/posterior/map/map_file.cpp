@@ -73,8 +73,7 @@ void write_part(files::Hdf5Writer& file, const std::string& group, const Triangu
 Index count_attribute(const files::Hdf5Reader& file, const std::string& name, double most) {
   const double value = file.number_attribute("/", name);
   if (!(value >= 0 && value <= most && value == static_cast<Index>(value)))
-    fail(file,
-         fmt::format("attribute {} of / is {}: a whole number from 0 to {} is needed", name, value, most));
+    fail(file, fmt::format("attribute {} of / is {}: an integer from 0 to {} is needed", name, value, most));
   return static_cast<Index>(value);
 }
 

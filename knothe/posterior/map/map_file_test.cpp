@@ -130,7 +130,7 @@ TEST(MapFile, SaysWhatIsWrong) {
   r = {};
   r.dimension = 2.5;
   EXPECT_EQ(message_for(folder, r),
-            ": attribute dimension of / is 2.5: a whole number from 0 to 1000000 is needed");
+            ": attribute dimension of / is 2.5: an integer from 0 to 1000000 is needed");
   r = {};
   r.lower = {1, 0, 3, -1};
   EXPECT_EQ(message_for(folder, r), ": data set /parts/0/lower[1,1] is -1: the diagonal must be positive");
@@ -236,15 +236,16 @@ TEST(ComposedMap, DescribesItsPartsInTheOrderInWhichTheyAct) {
   EXPECT_EQ(map.describe(), "identity of 2 variables\n");
   map.append(some_affine_map());
   map.append(TriangularMap(2, 1));
-  EXPECT_EQ(
-      map.describe(),
-      "map of 2 variables, 2 parts, the first to act first\n"
-      "part 1: triangular of order 1, 5 coefficients\n"
-      "component 1: square of hermite, bent tails, 1 + 1 terms of degree up to 0; largest: 0 (1); inside "
-      "the integral: 1 (1)\n"
-      "component 2: square of hermite, bent tails, 2 + 1 terms of degree up to 1; largest: 0 (1); inside "
-      "the integral: 1 (1)\n"
-      "part 2: affine, rotated: shift from -0.3333 to 0.1, diagonal from 0.7 to 2.3, log det 0.4762\n");
+  EXPECT_EQ(map.describe(),
+            "map of 2 variables, 2 parts, the first to act first\n"
+            "part 1: triangular of order 1, 5 coefficients\n"
+            "component 1: squared Hermite polynomials, linear tails, 1 + 1 terms of degree up to 0; largest: "
+            "0 (1); inside "
+            "the integral: 1 (1)\n"
+            "component 2: squared Hermite polynomials, linear tails, 2 + 1 terms of degree up to 1; largest: "
+            "0 (1); inside "
+            "the integral: 1 (1)\n"
+            "part 2: affine, rotated: shift from -0.3333 to 0.1, diagonal from 0.7 to 2.3, log det 0.4762\n");
 }
 
 }  // namespace

@@ -30,6 +30,12 @@ constexpr auto names_of(Rectifier /*rectifier*/) {
                                           {Rectifier::exponential, "exponential"}});
 }
 
+/// What the map integrates: "squared Hermite polynomials".
+inline std::string in_words(Rectifier rectifier) {
+  if (rectifier == Rectifier::square) return "squared Hermite polynomials";
+  return std::string(to_text(rectifier)) + " of Hermite polynomials";
+}
+
 /// The choice of functions, the same for all components of a map: products of Hermite polynomials with tame
 /// tails (TailedHermite).
 struct Parametrisation {

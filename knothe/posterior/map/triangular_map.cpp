@@ -120,8 +120,8 @@ std::string TriangularMap::describe() const {
     int degree = 0;
     for (const auto* set : {&c.constant, &c.monotone})
       for (const MultiIndex& index : *set) degree = std::max(degree, index.total);
-    text += fmt::format("component {}: {} of hermite, bent tails, {} + {} terms of degree up to {}; ", k + 1,
-                        to_text(parametrisation().rectifier), c.constant.size(), c.monotone.size(), degree);
+    text += fmt::format("component {}: {}, linear tails, {} + {} terms of degree up to {}; ", k + 1,
+                        in_words(parametrisation().rectifier), c.constant.size(), c.monotone.size(), degree);
     text += fmt::format("largest: {}; inside the integral: {}\n", largest_terms(c.constant, a_c),
                         largest_terms(c.monotone, a_c + c.constant_count()));
   }

@@ -107,7 +107,7 @@ Plot forecast_convergence_plot(const record::Results& results, const std::string
   plot.line(x, mean, Paint::series(1), "mean", {2.2});
   plot.line(x, most, Paint::ink(), "most probable", {1.3, "3 3", 1.0});
   if (!published_x.empty()) {
-    plot.line(published_x, published_low, Paint::series(0), "95 %, Eq. 33 (normal field), where it agrees",
+    plot.line(published_x, published_low, Paint::series(0), "95 %, Gaussian approximation (paper, Eq. 33)",
               {1.3, "5 3", 1.0});
     plot.line(published_x, published_high, Paint::series(0), "", {1.3, "5 3", 1.0});
   }

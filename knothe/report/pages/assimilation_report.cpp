@@ -3,6 +3,7 @@
 #include <fmt/core.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <memory>
 
 #include "knothe/base/error.hpp"
@@ -16,14 +17,14 @@
 namespace knothe::report {
 namespace {
 
-/// First of all: may the answer be used?
+/// First of all: can the result be used?
 void add_verdict(Page& page, const record::Results& results) {
   using Level = assimilation::VerdictLevel;
   if (!results.judged) return;
   const Level level = results.verdict.level;
-  page.cards({{"Verdict: may this answer be used?", to_text(level),
-               level == Level::ok        ? "The data fit the model and its noise; nothing speaks against it."
-               : level == Level::caution ? "Use it knowing the reasons below."
+  page.cards({{"Can this result be used?", to_text(level),
+               level == Level::ok        ? "No problem found: the data fit the model and its noise."
+               : level == Level::caution ? "Usable, with these caveats."
                                          : "Do not use it, for the reasons below.",
                level == Level::reject, level == Level::caution}});
   std::vector<TableRow> rows;
@@ -95,10 +96,8 @@ void add_forecasts(Page& page, const record::Results& results) {
     std::string caption =
         fmt::format("Forecast “{}”: what the posterior after each step predicts for the horizon.", name);
     if (const auto residual = results.steps.back().forecast.at(name).bridge_residual_rms)
-      caption += fmt::format(
-          " The elastic beam with that crack differs from the displacements predicted at the sensors by {} "
-          "µm (root mean square over sensors and posterior).",
-          record::readable(1e6 * *residual, 2));
+      caption += fmt::format(" A crack of this length reproduces the predicted displacements to {} µm RMS.",
+                             record::readable(1e6 * *residual, 2));
     page.figures(figures, caption);
   }
 }
@@ -252,11 +251,11 @@ std::string assimilation_report(const record::Results& results, const model::Sep
   const std::string& at = results.computed_at;
   const std::string date =
       at.size() < 16 ? "" : fmt::format("{} {} UTC. ", at.substr(0, 10), at.substr(11, 5));
-  Page page("What the measurements say",
-            fmt::format("{}{}{} assimilated, up to model time {}. {} used at the last one.",
-                        results.project_file.empty() ? "" : results.project_file + ", ", date,
-                        counted(results.steps.size(), "step"), record::plain(last.time),
-                        counted(last.used, "value")));
+  const std::string project = std::filesystem::path(results.project_file).filename().string();
+  Page page(project.empty() ? "Test report" : "Test report: " + project,
+            fmt::format("{}{} assimilated, up to model time {}. Last step: {} of {} used.", date,
+                        counted(results.steps.size(), "step"), record::plain(last.time), last.used,
+                        counted(last.used + last.rejected + last.missing, "sensor")));
   add_verdict(page, results);
   page.cards(headline(results));
   add_parameters(page, results);

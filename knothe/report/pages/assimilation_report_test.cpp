@@ -46,11 +46,11 @@ TEST(AssimilationReport, ShowsEverySection) {
     EXPECT_NE(html.find(std::string(">") + heading + "</h2>"), std::string::npos) << heading;
   EXPECT_NE(html.find("99 of 100 steps"), std::string::npos);
   EXPECT_NE(html.find("not trusted: 22"), std::string::npos);
-  EXPECT_NE(html.find("true value 1, 0.6 standard"), std::string::npos);
+  EXPECT_NE(html.find("0.6 σ from the true value 1"), std::string::npos);
   EXPECT_NE(html.find("Equivalent elastic crack length at time 0.3"), std::string::npos);
   EXPECT_NE(html.find("37.2 mm (mean), 37.6 mm"), std::string::npos);
   EXPECT_NE(html.find("the order no longer helps"), std::string::npos);
-  EXPECT_NE(html.find("at the sensors by 2.5 µm"), std::string::npos);
+  EXPECT_NE(html.find("reproduces the predicted displacements to 2.5 µm RMS"), std::string::npos);
   EXPECT_NE(html.find("Space mode 4"), std::string::npos);
   EXPECT_NE(html.find("crack of 25 mm"), std::string::npos);
   EXPECT_NE(html.find("# &lt;a comment&gt; &amp; &quot;quotes&quot;"), std::string::npos);

@@ -51,8 +51,7 @@ Card parameter_card(const record::Results& results, std::size_t d) {
     const double distance = last.standard_deviations()[d] > 0.0
                                 ? std::abs(last.mean[d] - *p.truth) / last.standard_deviations()[d]
                                 : 0.0;
-    card.remark =
-        fmt::format("true value {}, {:.1f} standard deviations away", record::plain(*p.truth), distance);
+    card.remark = fmt::format("{:.1f} σ from the true value {}", distance, record::plain(*p.truth));
     card.warning = distance > 3.0;
   } else {
     card.remark = fmt::format("most probable: {}", record::readable(last.maximum_a_posteriori[d], 4));
@@ -83,7 +82,7 @@ Card forecast_card(const record::Results& results, const std::string& name) {
   else if (!f.values.empty())
     card.remark = fmt::format("95 % in [{}, {}]{}", record::plain(scale.factor * f.values.front()),
                               record::plain(scale.factor * f.values.back()), unit);
-  if (f.is_past) card.remark += "; the horizon has passed, so it is no longer a forecast";
+  if (f.is_past) card.remark += "; already past: an estimate, not a forecast";
   return card;
 }
 
@@ -145,11 +144,12 @@ std::vector<TableRow> comparison_with_paper(const record::Results& results) {
   std::vector<TableRow> rows;
   rows.push_back({{"Y₀ at the end", "1.04 ± 0.041", found(y0),
                    "Other noise, other sensors, another mesh. The paper's data come from its own reduced "
-                   "model, so its posterior shows no error of the model; Y₀ moves the sensors by less than 1 "
-                   "µm, and only while the crack starts."}});
-  rows.push_back({{"A_d at the end", "1.00 ± 0.022", found(ad),
-                   "A_d moves the sensors by up to 12 µm from the peak load on; the long tail of the test "
-                   "keeps narrowing it."}});
+                   "model, so its posterior shows no error of the model; the sensors respond to Y₀ by under "
+                   "1 µm, and only while the crack starts."}});
+  rows.push_back(
+      {{"A_d at the end", "1.00 ± 0.022", found(ad),
+        "The sensors respond to A_d by up to 12 µm from the peak load on; the long tail of the test "
+        "keeps narrowing it."}});
   for (const auto& name : results.forecast_names()) {
     const ForecastScale scale = forecast_scale(results, name);
     if (!scale.crack) continue;

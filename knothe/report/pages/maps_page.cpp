@@ -36,8 +36,8 @@ void write_maps_page(const std::string& folder, const imaging::PictureSeries& se
   const char* length = frame ? "mm" : "px";
   std::string page = k_head;
   page += fmt::format(
-      "<p>{} pictures against {}; {} elements, {} nodes. {}</p>\n<div class=\"list\"><table><tr><th>picture",
-      series.options().pictures.size(), escape_xml(series.options().references.front()),
+      "<p>{}; reference: {}; {} elements, {} nodes. {}</p>\n<div class=\"list\"><table><tr><th>picture",
+      counted(series.options().pictures.size(), "picture"), escape_xml(series.options().references.front()),
       series.correlation().mesh().element_count(), series.correlation().mesh().node_count(),
       escape_xml(registration));
   page += fmt::format(
@@ -62,7 +62,7 @@ void write_maps_page(const std::string& folder, const imaging::PictureSeries& se
         "<tr><td>{}</td><td>{}</td><td>{:.3g}</td><td>{:.4f}</td><td>{:.3f}</td><td>{}</td>{}<td "
         "class=\"words\">{}</td></tr>\n",
         link, c.iterations, c.residual_rms, p.noise_std, c.gain, c.elements_rejected, crack,
-        r.reference.empty() ? "" : "against " + escape_xml(r.reference));
+        r.reference.empty() ? "" : "reference: " + escape_xml(r.reference));
   }
   page += "</table></div>\n";
   if (!registration.empty())

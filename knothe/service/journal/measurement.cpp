@@ -57,7 +57,7 @@ const Received& member(const Received& object, const char* name) {
 std::string text_member(const Received& object, const char* name, bool required) {
   if (!required && !object.contains(name)) return "";
   const Received& value = member(object, name);
-  if (!value.is_string()) malformed(fmt::format("\"{}\" must be a text", name));
+  if (!value.is_string()) malformed(fmt::format("\"{}\" must be a string", name));
   auto text = value.get<std::string>();
   check_name(text, name, !required);
   return text;
@@ -66,7 +66,7 @@ std::string text_member(const Received& object, const char* name, bool required)
 std::int64_t checked_index(const Received& value, const char* name) {
   const bool fits = value.is_number_unsigned() ? value.get<std::uint64_t>() <= k_largest_seq
                                                : value.is_number_integer() && value.get<std::int64_t>() >= 0;
-  if (!fits) malformed(fmt::format("\"{}\" must be a whole number from 0 to 2^53", name));
+  if (!fits) malformed(fmt::format("\"{}\" must be an integer from 0 to 2^53", name));
   return value.get<std::int64_t>();
 }
 
@@ -188,7 +188,7 @@ EntryRequest parse_json_entry(std::string_view body) {
   for (const char* name : {"text", "comment"}) {
     const auto it = object.find(name);
     if (it == object.end()) continue;
-    if (!it->is_string()) malformed(fmt::format("\"{}\" must be a text", name));
+    if (!it->is_string()) malformed(fmt::format("\"{}\" must be a string", name));
     request.text = it->get<std::string>();
     if (request.text.size() > k_longest_text)
       malformed(fmt::format("\"{}\" is longer than {} bytes", name, k_longest_text));
@@ -269,7 +269,7 @@ SiteMeasurement parse_npy_measurement(std::string_view body, const NpyHeaders& h
   const auto seq = std::from_chars(headers.seq.data(), end, datum.key.seq);
   if (headers.seq.empty() || seq.ec != std::errc() || seq.ptr != end || datum.key.seq < 0 ||
       datum.key.seq > k_largest_seq)
-    malformed("the header \"seq\" must be a whole number from 0 to 2^53");
+    malformed("the header \"seq\" must be an integer from 0 to 2^53");
   const auto time = files::parse_number(headers.time);
   if (!time || !std::isfinite(*time)) malformed("the header \"time\" must be a finite number");
   datum.time = *time;

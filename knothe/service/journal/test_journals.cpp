@@ -29,7 +29,7 @@ std::string objection_to_test_name(std::string_view name) {
 }
 
 std::string test_in_words(const std::string& name) {
-  return name.empty() ? "the test without a name" : fmt::format("the test \"{}\"", name);
+  return name.empty() ? "the unnamed test" : fmt::format("the test \"{}\"", name);
 }
 
 std::string journal_of_test(const std::string& journal, const std::string& test) {

@@ -81,7 +81,7 @@ std::size_t parse_index(const std::string& text, const std::string& what) {
   std::size_t value = 0;
   const auto parsed = std::from_chars(text.data(), text.data() + text.size(), value);
   if (parsed.ec != std::errc() || parsed.ptr != text.data() + text.size())
-    throw RequestError(400, "Malformed", fmt::format("\"{}\" must be a whole number from 0", what));
+    throw RequestError(400, "Malformed", fmt::format("\"{}\" must be an integer ≥ 0", what));
   return value;
 }
 

@@ -40,7 +40,7 @@ class ServedSite {
   /// The test that runs.
   [[nodiscard]] std::shared_ptr<Site> current() const;
   [[nodiscard]] const std::string& name() const { return project_.serve.site; }
-  /// As in its file: of the test without a name.
+  /// As in its file: of the unnamed test.
   [[nodiscard]] const project::Project& project() const { return project_; }
 
   /// Begins the test `asked.test` with a journal of its own: the one that runs is finished, and stays as it

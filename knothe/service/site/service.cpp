@@ -206,9 +206,9 @@ void serve(const project::Project& project, const ServiceOptions& arguments) {
                               site->name(), 1e3 * site->health().budget_s()));
   for (const auto& served : sites)
     if (const auto tally = served->current()->journal().tally(); tally.read_only)
-      throw Interrupted(fmt::format("stopped; site {} refused measurements in the end: {}",
+      throw Interrupted(fmt::format("Stopped. Site {} refused measurements at the end: {}",
                                     served->current()->name(), tally.trouble));
-  throw Interrupted("stopped; every acknowledged measurement is in the journal");
+  throw Interrupted("Stopped. All acknowledged data are saved.");
 }
 
 }  // namespace knothe::service

@@ -233,9 +233,9 @@ void Site::apply_arrivals(const std::vector<Arrival>& arrivals) {
     const std::lock_guard lock(mutex_);
     --at_hand_;
     stale_lines_ = engine_->stale().size();
-    // What failed may have failed because of the datum that is gone; if not, the next update says so again.
+    // The failure may have come from the withdrawn datum; if not, the next update says so again.
     if (!trouble.empty() || !comes) failure_ = trouble;
-    // Nobody's measurement waits for a withdrawal or a switch: how long it takes is no missed deadline.
+    // No measurement waits for a withdrawal or a switch: its time cannot miss a deadline.
     if (arrival.kind == Kind::live && trouble.empty()) health_.await(arrival.at);
   }
 }

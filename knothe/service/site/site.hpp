@@ -18,7 +18,7 @@ namespace knothe::service {
 
 /// What a site is told beside its project.
 struct SiteSettings {
-  std::string test = {};  ///< name; empty: the one without a name
+  std::string test = {};  ///< name; empty: the unnamed one
   bool strict_deadline = false;
   std::int64_t min_start = 0;             ///< its starts are counted from here at least, and events by them
   std::function<void()> changed = [] {};  ///< from any thread: there is something to send

@@ -44,11 +44,11 @@ AffineMap principal_axes(const AffineMap& pre_map) {
 
 std::string describe_method(const Parametrisation& parametrisation, const AffineMap& pre_map) {
   return fmt::format(
-      "{} of hermite with bent tails{}, {}", to_text(parametrisation.rectifier),
+      "{}, linear tails{}, {}", in_words(parametrisation.rectifier),
       parametrisation.radii == TailRadii{}
           ? ""
           : fmt::format(" beyond {:g} and {:g}", parametrisation.radii.level, parametrisation.radii.tangent),
-      pre_map.rotation.size() > 0 ? "turned to the principal axes of the mode" : "in the given coordinates");
+      pre_map.rotation.size() > 0 ? "rotated to principal axes" : "in the given coordinates");
 }
 
 MapSolver::Workspace::Climb MapSolver::Workspace::climb(CheckedDensity& target, MapResult& result,

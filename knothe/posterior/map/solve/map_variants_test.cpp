@@ -259,12 +259,13 @@ TEST(TriangularMap, DescribesItself) {
   Eigen::VectorXd a = map.coefficients();
   a[map.component(1).offset + 2] = -0.25;  // x_1² in Φ_c
   map.set_coefficients(a);
-  EXPECT_EQ(
-      map.describe(),
-      "component 1: softplus of hermite, bent tails, 1 + 2 terms of degree up to 1; largest: 0 (1); inside "
-      "the integral: 0 (1)\n"
-      "component 2: softplus of hermite, bent tails, 3 + 3 terms of degree up to 2; largest: -0.25 (x1^2); "
-      "inside the integral: 0 (1)\n");
+  EXPECT_EQ(map.describe(),
+            "component 1: softplus of Hermite polynomials, linear tails, 1 + 2 terms of degree up to 1; "
+            "largest: 0 (1); inside "
+            "the integral: 0 (1)\n"
+            "component 2: softplus of Hermite polynomials, linear tails, 3 + 3 terms of degree up to 2; "
+            "largest: -0.25 (x1^2); "
+            "inside the integral: 0 (1)\n");
 }
 
 }  // namespace
