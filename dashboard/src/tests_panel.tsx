@@ -35,11 +35,7 @@ export function TestsPanel({ tests, api, compare }: Props) {
   const current = tests.find((test) => test.current);
   if (!current) return null;
   return (
-    <Panel
-      id="tests"
-      title="Tests"
-      note="Start a new test for each specimen; earlier tests are kept."
-    >
+    <Panel id="tests" title="Tests" note="Start a new test for each specimen; earlier tests are kept.">
       {beginning ? (
         <SignedForm
           api={api}

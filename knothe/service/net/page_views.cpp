@@ -203,13 +203,13 @@ Json field(const Site& site, const std::string& name, const std::string& step, c
     answer["missing"] = missing;
     return answer;
   }
-  if (name == "bias" && line->bias_sensors.size() > 0) {
+  if (name == "bias" && line->bias.sensors.size() > 0) {
     answer["location"] = "sensors";
-    answer["values"] = at_places(line->bias_sensors);
+    answer["values"] = at_places(line->bias.sensors);
     answer["missing"] = Json::array();
     return answer;
   }
-  if (name == "bias" && line->bias_functions.size() == 0)
+  if (name == "bias" && line->bias.functions.size() == 0)
     throw RequestError(404, "NoField",
                        fmt::format("the model's bias is not corrected in step {}", line->step));
   if (name != "displacement" && name != "sensitivity" && name != "bias")
@@ -222,7 +222,7 @@ Json field(const Site& site, const std::string& name, const std::string& step, c
   answer["location"] = "nodes";
   const model::FieldOnMesh on_mesh(contents, "model");
   if (name == "bias") {
-    const auto values = field_of_functions(contents, line->step, line->bias_functions);
+    const auto values = field_of_functions(contents, line->step, line->bias.functions);
     answer["values"] = triples(on_mesh.vectors(name, values).values);
     return answer;
   }

@@ -55,7 +55,7 @@ std::shared_ptr<Line> make_line(const assimilation::StepResult& step,
   line->bias_corrected = result.bias_corrected;
   line->notice = result.notice;
   line->stuck = step.stuck, line->absent = step.absent;
-  line->bias.functions = step.bias.functions, line->bias.sensors = step.bias.sensors;
+  line->bias = step.bias;
   line->residual = values - setup.problem.model->predict(result.mean, result.step);
   for (Eigen::Index i = 0; i < line->residual.size(); ++i) {
     line->missing.push_back(std::isnan(line->residual[i]));

@@ -33,9 +33,8 @@ struct Line {
   bool monitor_alarm = false, bias_corrected = false;
   std::vector<Eigen::Index> stuck, absent;  ///< sensors that have stopped
   std::string notice;                       ///< what the monitor found or did at this step
-  /// The correction of the model's bias, where it is on: as what is to be added to the model's functions w (a
-  /// field), or at the sensors, m. Else empty.
-  Eigen::VectorXd bias_functions, bias_sensors;
+  /// The correction of the bias, where it is on.
+  assimilation::EstimatedBias bias;
   bool model_doubted = false;                ///< the verdict doubts the reduced model
   std::shared_ptr<const ServedModel> model;  ///< that it was made with
 
