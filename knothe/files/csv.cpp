@@ -30,6 +30,25 @@ std::string quoted_if_needed(const std::string& text) {
   return quoted;
 }
 
+/// What separates the most fields of a header, outside of quotes; a comma where nothing does.
+char separator_of(const std::string& header) {
+  std::size_t count[3] = {0, 0, 0};
+  static constexpr char k_separators[] = {',', ';', '\t'};
+  bool quoted = false;
+  for (const char c : header) {
+    quoted = quoted != (c == '"');
+    for (std::size_t k = 0; k < 3; ++k) count[k] += !quoted && c == k_separators[k] ? 1 : 0;
+  }
+  return k_separators[std::max_element(count, count + 3) - count];
+}
+
+/// With a decimal comma, where nothing else is a comma.
+std::string with_point(std::string text) {
+  if (text.find('.') == std::string::npos && std::count(text.begin(), text.end(), ',') == 1)
+    text[text.find(',')] = '.';
+  return text;
+}
+
 }  // namespace
 
 CsvTable CsvTable::read(const std::string& path) {
@@ -45,28 +64,29 @@ CsvTable CsvTable::read(const std::string& path) {
 CsvTable CsvTable::parse(const std::string& text, const std::string& path) {
   CsvTable table;
   table.path_ = path;
+  if (text.starts_with("\xFF\xFE") || text.starts_with("\xFE\xFF"))
+    table.fail_at(1, 1, "the file is UTF-16: save as UTF-8");
   std::size_t number = 0;
-  std::size_t start =
-      text.rfind("\xEF\xBB\xBF", 0) == 0 ? 3 : 0;  // a byte-order mark is no part of the header
+  std::size_t start = text.starts_with("\xEF\xBB\xBF") ? 3 : 0;  // a byte-order mark is no part of the header
   while (start < text.size()) {
-    const std::size_t end = std::min(text.find('\n', start), text.size());
-    std::string line = text.substr(start, end - start);
-    if (!line.empty() && line.back() == '\r') line.pop_back();
-    start = end + 1;
+    const std::size_t end = std::min(text.find_first_of("\r\n", start), text.size());
+    const std::string line = text.substr(start, end - start);
+    start = end + (text.compare(end, 2, "\r\n") == 0 ? 2 : 1);
     ++number;
+    if (const std::size_t at = line.find('\0'); at != std::string::npos)
+      table.fail_at(number, at + 1,
+                    "NUL bytes, as after a logger lost its power: the file is damaged; delete what is behind "
+                    "the last whole line");
     if (trimmed(line).empty() || line.front() == '#') continue;
-    std::vector<Field> fields = table.split(line, number);
     if (table.header_.empty()) {
-      for (const Field& field : fields) {
-        if (table.has(field.text))
-          table.fail_at(number, field.column, fmt::format("column {} is there twice", field.text));
-        table.header_.push_back(field.text);
+      if (line.size() == 5 && line.starts_with("sep=")) {
+        table.separator_ = line[4];
+        continue;
       }
-    } else if (fields.size() != table.header_.size()) {
-      table.fail_at(number, fields.back().column,
-                    fmt::format("{} fields, the header has {}", fields.size(), table.header_.size()));
+      if (table.separator_ == ',') table.separator_ = separator_of(line);
+      table.read_header(table.split(line, number));
     } else {
-      table.rows_.push_back(std::move(fields));
+      table.add_row(table.split(line, number));
     }
   }
   if (table.header_.empty())
@@ -74,12 +94,32 @@ CsvTable CsvTable::parse(const std::string& text, const std::string& path) {
   return table;
 }
 
+void CsvTable::read_header(std::vector<Field> fields) {
+  while (fields.size() > 1 && fields.back().text.empty()) fields.pop_back();
+  for (const Field& field : fields) {
+    if (field.text.empty()) fail_at(field.line, field.column, "a column without a name");
+    if (has(field.text))
+      fail_at(field.line, field.column, fmt::format("column {} is there twice", field.text));
+    header_.push_back(field.text);
+  }
+}
+
+void CsvTable::add_row(std::vector<Field> fields) {
+  if (std::all_of(fields.begin(), fields.end(), [](const Field& field) { return field.text.empty(); }))
+    return;
+  while (fields.size() > header_.size() && fields.back().text.empty()) fields.pop_back();
+  if (fields.size() != header_.size())
+    fail_at(fields.back().line, fields.back().column,
+            fmt::format("{} fields, the header has {}", fields.size(), header_.size()));
+  rows_.push_back(std::move(fields));
+}
+
 std::vector<CsvTable::Field> CsvTable::split(const std::string& line, std::size_t number) const {
   std::vector<Field> fields;
   std::size_t position = 0;
   while (true) {
     Field field{"", number, position + 1};
-    const std::size_t quote = line.find_first_not_of(" \t", position);
+    const std::size_t quote = line.find_first_not_of(separator_ == '\t' ? " " : " \t", position);
     if (quote != std::string::npos && line[quote] == '"') {
       position = quote + 1;
       while (true) {
@@ -91,15 +131,15 @@ std::vector<CsvTable::Field> CsvTable::split(const std::string& line, std::size_
         field.text += '"';
         ++position;
       }
-      const std::size_t comma = std::min(line.find(',', position), line.size());
-      if (!trimmed(line.substr(position, comma - position)).empty()) {
+      const std::size_t stop = std::min(line.find(separator_, position), line.size());
+      if (!trimmed(line.substr(position, stop - position)).empty()) {
         fail_at(number, position + 1, "text after a closing quote");
       }
-      position = comma;
+      position = stop;
     } else {
-      const std::size_t comma = std::min(line.find(',', position), line.size());
-      field.text = trimmed(line.substr(position, comma - position));
-      position = comma;
+      const std::size_t stop = std::min(line.find(separator_, position), line.size());
+      field.text = trimmed(line.substr(position, stop - position));
+      position = stop;
     }
     fields.push_back(std::move(field));
     if (position >= line.size()) return fields;
@@ -133,8 +173,9 @@ std::vector<double> CsvTable::numbers(const std::string& column, bool allow_nan)
   std::vector<double> values;
   for (const auto& row : rows_) {
     const Field& field = row[index];
-    const auto number =
-        field.text.empty() && allow_nan ? std::numeric_limits<double>::quiet_NaN() : parse_number(field.text);
+    const auto number = field.text.empty() && allow_nan
+                            ? std::numeric_limits<double>::quiet_NaN()
+                            : parse_number(separator_ == ',' ? field.text : with_point(field.text));
     if (!number) {
       fail_at(field.line, field.column, fmt::format("column {}: \"{}\" is not a number", column, field.text));
     }

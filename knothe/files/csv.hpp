@@ -1,13 +1,16 @@
 #pragma once
-/// @file Comma-separated tables: a header line with the columns' names, then one line per row.
+/// @file Tables of text: a header line with the columns' names, then one line per row.
 #include <span>
 #include <string>
 #include <vector>
 
 namespace knothe::files {
 
-/// A table read from a file. Fields may be in double quotes; empty lines and lines that start with '#' are
-/// skipped. All errors are DataError, "file:line:column: error: …" (line and column from 1).
+/// A table read from a file, as programs for laboratories and offices write it: fields separated by commas,
+/// semicolons or tabs (what the header has; or as a first line "sep=;" says), perhaps in double quotes. With
+/// semicolons or tabs numbers may have a decimal comma. Lines end in LF, CR LF or CR. Empty lines, rows and
+/// unnamed columns without content, and lines that start with '#' are skipped. All errors are DataError,
+/// "file:line:column: error: …" (line and column from 1).
 class CsvTable {
  public:
   [[nodiscard]] static CsvTable read(const std::string& path);
@@ -33,8 +36,11 @@ class CsvTable {
   [[nodiscard]] std::size_t index_of(const std::string& column) const;
   [[noreturn]] void fail_at(std::size_t line, std::size_t column, const std::string& message) const;
   [[nodiscard]] std::vector<Field> split(const std::string& line, std::size_t number) const;
+  void read_header(std::vector<Field> fields);
+  void add_row(std::vector<Field> fields);
 
   std::string path_;
+  char separator_ = ',';
   std::vector<std::string> header_;
   std::vector<std::vector<Field>> rows_;
 };

@@ -157,6 +157,28 @@ Shape Hdf5Reader::shape(const std::string& name) const {
   return implementation_->shape_of(space.get(), name);
 }
 
+namespace {
+
+/// Missing values and packed numbers as the CF conventions have them (netCDF4, xarray): `_FillValue` and
+/// `missing_value` become NaN, `scale_factor` and `add_offset` are applied.
+void unpack(const Hdf5Reader& file, const std::string& name, std::vector<double>& values) {
+  for (const char* attribute : {"_FillValue", "missing_value"}) {
+    if (!file.has_attribute(name, attribute)) continue;
+    const double missing = file.number_attribute(name, attribute);
+    for (double& value : values)
+      if (value == missing || static_cast<float>(value) == static_cast<float>(missing))
+        value = std::numeric_limits<double>::quiet_NaN();
+  }
+  const auto number = [&](const char* attribute, double otherwise) {
+    return file.has_attribute(name, attribute) ? file.number_attribute(name, attribute) : otherwise;
+  };
+  const double factor = number("scale_factor", 1), offset = number("add_offset", 0);
+  if (factor == 1 && offset == 0) return;
+  for (double& value : values) value = factor * value + offset;
+}
+
+}  // namespace
+
 std::vector<double> Hdf5Reader::read(const std::string& name, bool allow_nan) const {
   const Shape all = shape(name);
   const Hdf5Handle set = implementation_->data_set(name);
@@ -170,6 +192,7 @@ std::vector<double> Hdf5Reader::read(const std::string& name, bool allow_nan) co
       H5Dread(set.get(), H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()) < 0) {
     implementation_->fail(fmt::format("could not read data set {}: {}", name, hdf5_cause()));
   }
+  unpack(*this, name, values);
   if (!allow_nan) implementation_->require_finite(values, name, all, {});
   return values;
 }
@@ -203,6 +226,7 @@ std::vector<double> Hdf5Reader::read_slab(const std::string& name, const Shape& 
       H5Dread(set.get(), H5T_NATIVE_DOUBLE, memory.get(), space.get(), H5P_DEFAULT, values.data()) < 0) {
     implementation_->fail(fmt::format("could not read data set {}: {}", name, hdf5_cause()));
   }
+  unpack(*this, name, values);
   implementation_->require_finite(values, name, count, offset);
   return values;
 }

@@ -46,7 +46,7 @@ void settle_units(const model::ScalarObservation& sensor, const std::string& sou
       throw DataError(fmt::format("{}: \"{}\" is in {}, in the model in {}", source, sensor.name,
                                   series.units, sensor.units));
     const double factor = measured->factor / modelled->factor;
-    for (std::vector<double>* values : {&series.values, &series.shared_std})
+    for (std::vector<double>* values : {&series.values, &series.shared_std, &series.rate})
       for (double& value : *values) value *= factor;
     if (series.std) *series.std *= factor;
     series.units = sensor.units;

@@ -134,6 +134,23 @@ model::SeparatedModel with_known_fixed(const Project& project, const model::Sepa
   return model::SeparatedModel(std::move(contents), whole.where());
 }
 
+/// "No reading" is often written as a number, −9999 or 1e99. A wrong unit is smaller than that; it is for the
+/// verdict.
+void refuse_sentinels(const Project& project, const ObservedData& data) {
+  constexpr double k_beyond_any_unit = 1e6;
+  const likelihood::Measurements& m = data.measurements;
+  likelihood::PlausibleRange range(*data.observed, m.sensors, m.noise.measurement().standard_deviations());
+  range.widen(k_beyond_any_unit);
+  for (Index t = 0; t < m.values.cols(); ++t) {
+    const std::string complaint = range.complaint(m.values.col(t));
+    if (!complaint.empty())
+      throw DataError(
+          fmt::format("{}: time {}: {}: a number that stands for \"no reading\"? Leave such fields "
+                      "empty (CSV), or give the attribute _FillValue (HDF5)",
+                      project.data, m.time[t], complaint));
+  }
+}
+
 }  // namespace
 
 model::SeparatedModel load_model(const Project& project) {
@@ -191,6 +208,7 @@ UpdateSetup set_up(const Project& given, assimilation::Features features, bool l
     data.measurements.noise = noise_with_truncation(project, whole, data, online);
   }
   refuse_conflicts(project, features | assimilation::features_of(data.measurements.noise));
+  if (!pictures) refuse_sentinels(project, data);
   assimilation::Problem problem{
       std::move(data.observed),       data.measurements.noise,        std::move(priors),
       update_options(project.method), robust_options(project.method), std::nullopt};

@@ -168,7 +168,7 @@ class Test(Case):
         if not isinstance(value, dict):
             return set()
         own = set() if named else set(value)
-        maps = {"physical", "forecast", "forecasts", "models", "scores", "marginals", "prior_marginals", "draws", "series", "machine"}
+        maps = {"physical", "forecast", "forecasts", "models", "scores", "marginals", "prior_marginals", "draws", "series", "machine", "nuisances"}
         return own.union(*(self.keys(one, not named and key in maps) for key, one in value.items()))
 
     def test_every_key_of_the_lines_is_on_the_page(self):

@@ -9,6 +9,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/index.hpp"
 #include "knothe/files/csv.hpp"
+#include "knothe/files/extension.hpp"
 
 namespace knothe::imaging {
 
@@ -21,9 +22,7 @@ bool is_digit(char c) {
 }
 
 bool is_picture(const fs::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string extension = files::extension_of(path);
   return extension == ".tif" || extension == ".tiff" || extension == ".png" || extension == ".bmp" ||
          extension == ".pgm";
 }

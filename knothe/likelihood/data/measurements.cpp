@@ -8,6 +8,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/atomic_file.hpp"
+#include "knothe/files/extension.hpp"
 #include "knothe/files/hdf5.hpp"
 #include "knothe/files/units.hpp"
 #include "knothe/likelihood/data/measurements_csv.hpp"
@@ -276,17 +277,21 @@ void write_displacements(files::Hdf5Writer& file, const Measurements& m) {
 }  // namespace
 
 Measurements read_measurements(const std::string& path) {
-  if (path.ends_with(".csv")) {
+  const std::string ending = files::extension_of(path);
+  if (ending == ".csv") {
     Measurements m = read_measurements_csv(path);
     check_times(m.time, path);
     return m;
   }
+  for (const char* other : {".txt", ".tsv", ".dat", ".asc", ".xls", ".xlsx", ".json"})
+    if (ending == other)
+      throw DataError(path + ": measurements are read from .csv and HDF5: save it as one of these");
   return read_hdf5(path);
 }
 
 void write_measurements(const std::string& path, const Measurements& m, const std::string& project,
                         std::uint64_t seed) {
-  if (path.ends_with(".csv")) return write_measurements_csv(path, m);
+  if (files::extension_of(path) == ".csv") return write_measurements_csv(path, m);
   const auto n_obs = static_cast<std::size_t>(m.values.rows()), n_t = m.time.size();
   files::write_atomically(path, [&](const std::string& temporary) {
     files::Hdf5Writer file(temporary);

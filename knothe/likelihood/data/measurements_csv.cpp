@@ -12,6 +12,7 @@
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/csv.hpp"
 #include "knothe/files/numbers.hpp"
+#include "knothe/likelihood/data/time_matching.hpp"
 
 namespace knothe::likelihood {
 namespace {
@@ -41,8 +42,15 @@ int component_of(const files::CsvTable& table, std::size_t row, const std::strin
 
 /// A row of a series: its value joins those before it.
 void add_to_series(const files::CsvTable& table, std::size_t row, Eigen::Index t, double value, double std,
-                   double shared_std, std::vector<bool>& filled, MeasuredSeries& series, bool is_new) {
-  if (filled[t]) table.fail(row, "time", "a second value of this series at this time");
+                   double shared_std, const std::string& name, bool has_place, std::vector<bool>& filled,
+                   MeasuredSeries& series, bool is_new) {
+  if (filled[t])
+    table.fail(row, has_place ? "component" : "time",
+               has_place
+                   ? fmt::format("component {}: x, y or z, or a series of the model; of a series there is "
+                                 "one value at a time, and this is the second",
+                                 name)
+                   : "a second value of this series at this time");
   filled[t] = true;
   series.values[t] = value;
   if (!std::isnan(shared_std)) {
@@ -120,9 +128,12 @@ Measurements read_measurements_csv(const std::string& path) {
   const std::vector<double> shared = table.has("shared_std") ? table.numbers("shared_std", true)
                                                              : std::vector<double>(table.row_count(), k_nan);
   const std::vector<std::string> name = table.texts("sensor"), component = table.texts("component");
-  std::vector<double> times = time;
-  std::sort(times.begin(), times.end());
-  times.erase(std::unique(times.begin(), times.end()), times.end());
+  const std::vector<double> times = distinct_times(time);
+  const auto place_of = [&](double at) {  // the nearest
+    const auto after = std::lower_bound(times.begin(), times.end(), at);
+    const bool before = after == times.end() || (after != times.begin() && at - after[-1] < *after - at);
+    return after - times.begin() - (before ? 1 : 0);
+  };
 
   std::map<std::pair<std::string, int>, Sensor> sensors;
   std::vector<std::pair<const Sensor*, int>> of_row;
@@ -131,14 +142,22 @@ Measurements read_measurements_csv(const std::string& path) {
   std::map<std::string, std::vector<bool>> filled;
   for (std::size_t row = 0; row < table.row_count(); ++row) {
     if (is_series(component[row])) {
+      const bool has_place = !std::isnan(x[row]) && !std::isnan(y[row]) && !std::isnan(z[row]);
+      if (has_place && (component[row] == "X" || component[row] == "Y" || component[row] == "Z"))
+        table.fail(row, "component",
+                   fmt::format("component {}: x, y or z, or a series of the model (did you mean {}?)",
+                               component[row],
+                               component[row] == "X"   ? "x"
+                               : component[row] == "Y" ? "y"
+                                                       : "z"));
       const auto [it, is_new] = series.try_emplace(component[row]);
       if (is_new) {
         it->second.values.assign(times.size(), k_nan);
         filled[component[row]].assign(times.size(), false);
       }
-      const auto t = std::lower_bound(times.begin(), times.end(), time[row]) - times.begin();
-      add_to_series(table, row, t, value[row], std[row], shared[row], filled[component[row]], it->second,
-                    is_new);
+      const Index t = place_of(time[row]);
+      add_to_series(table, row, t, value[row], std[row], shared[row], component[row], has_place,
+                    filled[component[row]], it->second, is_new);
       of_row.emplace_back(nullptr, 0);
       continue;
     }
@@ -172,7 +191,7 @@ Measurements read_measurements_csv(const std::string& path) {
   for (std::size_t row = 0; row < table.row_count(); ++row) {
     if (of_row[row].first == nullptr) continue;
     const Eigen::Index i = of_row[row].first->index;
-    const Eigen::Index t = std::lower_bound(times.begin(), times.end(), time[row]) - times.begin();
+    const Index t = place_of(time[row]);
     if (lines(i, t)++ > 0)
       table.fail(row, "time", "a second value of sensor \"" + name[row] + "\" at this time");
     m.values(i, t) = value[row];

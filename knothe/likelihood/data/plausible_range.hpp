@@ -17,6 +17,8 @@ class PlausibleRange {
   /// noise. No limit where the box has no end.
   PlausibleRange(const model::ObservedModel& model, const model::Sensors& sensors,
                  const Eigen::VectorXd& noise_std);
+  /// All limits times `factor`.
+  void widen(double factor) { limits_ *= factor; }
   /// In place of the model's; of all components.
   void limit_displacements(double limit);
   /// Of scalar series `k`.

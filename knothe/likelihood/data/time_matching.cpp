@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 
 namespace knothe::likelihood {
 
@@ -20,6 +21,40 @@ std::size_t nearest_time(double time, std::span<const double> model) {
 }
 
 }  // namespace
+
+std::vector<double> distinct_times(std::vector<double> times) {
+  std::sort(times.begin(), times.end());
+  struct Time {
+    double value;
+    Index count;
+  };
+  std::vector<Time> distinct;
+  for (const double time : times) {
+    if (distinct.empty() || distinct.back().value != time) distinct.push_back({time, 0});
+    ++distinct.back().count;
+  }
+  std::vector<double> merged;
+  if (distinct.empty()) return merged;
+  const double range = distinct.back().value - distinct.front().value;
+  Index groups = 1;
+  for (std::size_t i = 1; i < distinct.size(); ++i)
+    if (distinct[i].value - distinct[i - 1].value > 1e-6 * range / std::ssize(distinct)) ++groups;
+  const double close = groups > 1 ? 1e-6 * range / (groups - 1) : 0;
+  // A gap that is small but no rounding, as between logarithmic times, stays.
+  const auto agree = [&](double before, double after) {
+    const double gap = after - before, size = std::max(std::abs(before), std::abs(after));
+    return gap <= close && (gap <= 1e-6 * size || size <= 1e-12 * range);
+  };
+  for (std::size_t first = 0, end; first < distinct.size(); first = end) {
+    end = first + 1;
+    while (end < distinct.size() && agree(distinct[end - 1].value, distinct[end].value)) ++end;
+    merged.push_back(
+        std::max_element(distinct.begin() + first, distinct.begin() + end, [](const Time& a, const Time& b) {
+          return a.count < b.count;
+        })->value);
+  }
+  return merged;
+}
 
 std::optional<std::size_t> matching_time(double time, std::span<const double> model) {
   const std::size_t nearest = nearest_time(time, model);

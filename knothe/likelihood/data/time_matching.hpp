@@ -7,6 +7,11 @@
 
 namespace knothe::likelihood {
 
+/// Measured times, of which those that agree within 1e-6 of the mean step (and of their size) are one: they
+/// differ by the last digits of a clock. `times`: any order, perhaps several times each; the result
+/// increases, each its most frequent one (of equally frequent ones the first).
+[[nodiscard]] std::vector<double> distinct_times(std::vector<double> times);
+
 /// The index of the model time that `time` is, to 1e-6 of a step; nothing where there is none.
 [[nodiscard]] std::optional<std::size_t> matching_time(double time, std::span<const double> model);
 

@@ -10,6 +10,7 @@
 #include "knothe/base/text.hpp"
 #include "knothe/files/calculix.hpp"
 #include "knothe/files/csv.hpp"
+#include "knothe/files/extension.hpp"
 #include "knothe/files/npy.hpp"
 #include "knothe/files/units.hpp"
 #include "knothe/files/vtu_reader.hpp"
@@ -263,7 +264,7 @@ void add_outputs(const std::string& path, Snapshots& solution) {
 }
 
 Snapshots read_field(const ResultOptions& options, const std::string& path) {
-  if (path.ends_with(".csv")) return from_csv(path);
+  if (files::extension_of(path) == ".csv") return from_csv(path);
   if (path.ends_with(".npy")) return from_npy(options, path);
   if (path.ends_with(".h5") || path.ends_with(".hdf5")) return from_hdf5(path);
   if (path.ends_with(".vtu")) return from_vtu(options, path);

@@ -14,6 +14,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/files/csv.hpp"
+#include "knothe/files/extension.hpp"
 #include "knothe/files/picture.hpp"
 #include "knothe/imaging/series/picture_folder.hpp"
 #include "knothe/likelihood/data/measurements_csv.hpp"
@@ -47,7 +48,7 @@ bool is_live_picture(const std::string& name) {
 }
 
 bool is_table(const std::string& name) {
-  return name.ends_with(".csv") && !name.starts_with(".") && name != k_times;
+  return files::extension_of(name) == ".csv" && !name.starts_with(".") && name != k_times;
 }
 
 /// Point and component of a sensor.
