@@ -147,7 +147,7 @@ class Section {
       return choice(key, member, names_of(T{}), std::move(meaning), rules...);
     } else if constexpr (requires { typename T::mapped_type; }) {
       append(key, ValueKind::number, std::move(meaning),
-             [member, table = path_ + "." + key.substr(0, key.size() - 2)](
+             [member, table = path_ + (path_.empty() ? "" : ".") + key.substr(0, key.size() - 2)](
                  Values& values, const Option& option, const std::string&, S& s) {
                for (const std::string& name : values.children_of(table))
                  read_value(values, option, table + "." + name, std::invoke(member, s)[name]);

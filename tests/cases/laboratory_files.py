@@ -47,6 +47,7 @@ class Test(Case):
 
     def setUp(self):
         super().setUp()
+        self.own_copy("data.h5")
         self.table = (self.folder / "data.csv").read_text()
         self.name = "data.h5"
 
