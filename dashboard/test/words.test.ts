@@ -105,10 +105,7 @@ const reject = { level: "reject" as const, message: "the data do not fit" };
 
 test("the structure's state is the verdict's, with the first reason of its level", () => {
   assert.equal(structure({ state: "OK" }, stepLine(1)), undefined);
-  assert.equal(
-    structure({ state: "OK", structure: "caution" }, undefined)?.reason,
-    "Usable, with the caveats given.",
-  );
+  assert.equal(structure({ state: "OK", structure: "caution" }, undefined)?.reason, "Usable, with the caveats given.");
   const line = stepLine(1, { verdict: { level: "reject", reasons: [caution, reject] } });
   assert.deepEqual(structure({ state: "STALE" }, line), { level: "reject", reason: "The data do not fit." });
 });

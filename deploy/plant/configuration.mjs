@@ -6,7 +6,7 @@ export class ConfigurationError extends Error {}
 
 const text = (value) => (typeof value === "string" && value !== "" ? "" : "must be a string that is not empty");
 const number = (value) => (Number.isFinite(value) ? "" : "must be a number");
-const positive = (value) => (value > 0 && Number.isFinite(value) ? "" : "must be a number > 0");
+const positive = (value) => (value > 0 && Number.isFinite(value) ? "" : "must be a positive number");
 const index = (value) =>
   Number.isInteger(value) && value >= 0 && value <= 65535 ? "" : "must be an integer from 0 to 65535";
 const table = (value) => (value && typeof value === "object" && !Array.isArray(value) ? "" : "must be a table {…}");

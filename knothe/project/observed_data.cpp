@@ -233,10 +233,11 @@ void set_series_std(const Project& project, likelihood::Measurements& measuremen
     if (found == measurements.series.end()) {
       std::vector<std::string> names;
       for (const auto& [other, series] : measurements.series) names.push_back(other);
-      throw project.error_at(
-          "data.std." + name,
-          fmt::format("{} has no series \"{}\"{}; it has {}", project.data, name, did_you_mean(name, names),
-                      names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
+      throw project.error_at("data.std." + name,
+                             fmt::format("{} has no series \"{}\"{}; it has {}",
+                                         project.data.empty() ? "the data, without data.file," : project.data,
+                                         name, did_you_mean(name, names),
+                                         names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
     }
     found->second.std = std;
   }

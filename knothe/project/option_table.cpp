@@ -36,9 +36,9 @@ std::string describe(ValueKind kind) {
     case K::number:
       return "finite number";
     case K::positive:
-      return "number > 0";
+      return "positive number";
     case K::non_negative:
-      return "number ≥ 0";
+      return "non-negative number";
     case K::choice:
       return "string";
     case K::numbers:

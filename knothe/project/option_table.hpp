@@ -60,7 +60,7 @@ struct Option {
 /// The reference of all options as Markdown: the content of docs/reference/project-file.md.
 [[nodiscard]] std::string option_reference();
 
-/// How a kind is called: "number > 0".
+/// How a kind is called: "positive number".
 [[nodiscard]] std::string describe(ValueKind kind);
 
 }  // namespace knothe::project

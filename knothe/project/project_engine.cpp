@@ -65,7 +65,6 @@ std::optional<RecordedData::Item> RecordedData::next(const Eigen::VectorXd& mean
   const auto column = static_cast<Eigen::Index>(step);
   if (setup_.pictures) {
     const Eigen::Index displacements = setup_.pictures->measurements().values.rows();
-    const Eigen::Index scalars = setup_.measurements.values.rows() - displacements;
     if (mean.size() != 0 && step + 1 < size()) {
       const Eigen::VectorXd increment = setup_.problem.model->predict(mean, time[step + 1]) -
                                         setup_.problem.model->predict(mean, time[step]);
@@ -73,9 +72,7 @@ std::optional<RecordedData::Item> RecordedData::next(const Eigen::VectorXd& mean
     }
     item.picture = setup_.pictures->next();
     item.datum.noise = item.picture->noise;
-    if (item.datum.noise && scalars > 0)
-      item.datum.noise = item.datum.noise->with_independent(
-          setup_.measurements.noise.measurement().standard_deviations().tail(scalars));
+    if (item.datum.noise) item.datum.noise = with_series_noise(*item.datum.noise, setup_.measurements);
     setup_.measurements.values.col(column).head(displacements) = item.picture->values;
   }
   item.datum.values = setup_.measurements.values.col(column);

@@ -62,7 +62,7 @@ TEST(ProjectFile, NamesOfQuantitiesMayHaveDots) {
   EXPECT_EQ(p.simulate->noise.begin()->first, "TIP.81.vy");
   EXPECT_EQ(p.simulate->noise.begin()->second, 3e-5);
   EXPECT_EQ(complaint("[simulate]\ntruth = { a = 1 }\n[simulate.noise]\n\"TIP.81.vy\" = -1\n"),
-            "dir/p.toml:4:15: error: \"simulate.noise.TIP.81.vy\" must be a number > 0, not -1");
+            "dir/p.toml:4:15: error: \"simulate.noise.TIP.81.vy\" must be a positive number, not -1");
 }
 
 TEST(ProjectFile, MisspeltKeyGetsASuggestion) {
@@ -74,7 +74,7 @@ TEST(ProjectFile, MisspeltKeyGetsASuggestion) {
 
 TEST(ProjectFile, WrongTypesAndValues) {
   EXPECT_EQ(complaint("[method]\ntolerance = \"small\"\n"),
-            "dir/p.toml:2:13: error: \"method.tolerance\" must be a number > 0, not \"small\"");
+            "dir/p.toml:2:13: error: \"method.tolerance\" must be a positive number, not \"small\"");
   EXPECT_EQ(complaint("[method]\nmax_order = 0\n"),
             "dir/p.toml:2:1: error: \"method.max_order\" must be at least 1");
   EXPECT_EQ(
@@ -84,7 +84,7 @@ TEST(ProjectFile, WrongTypesAndValues) {
       "\"transprot\" (did you mean "
       "\"transport\"?)");
   EXPECT_EQ(complaint("[parameters]\nY0 = { prior = \"normal\", mean = 1, std = -1 }\n"),
-            "dir/p.toml:2:42: error: \"parameters.Y0.std\" must be a number > 0, not -1");
+            "dir/p.toml:2:42: error: \"parameters.Y0.std\" must be a positive number, not -1");
   EXPECT_EQ(complaint("[parameters]\nY0 = { prior = \"normal\", mean = 1 }\n"),
             "dir/p.toml:2:6: error: [parameters.Y0]: a normal prior needs \"std\"");
 }
@@ -163,8 +163,8 @@ TEST(ProjectFile, LimitsOfTheService) {
   EXPECT_EQ(p.serve.limits, (std::map<std::string, double>{{"displacement", 1}, {"force", 2500}}));
   EXPECT_TRUE(parse_project("", "p.toml").serve.limits.empty());
   EXPECT_EQ(complaint("[serve.limits]\ndisplacement = -1\nforce = inf\n"),
-            "dir/p.toml:2:16: error: \"serve.limits.displacement\" must be a number > 0, not -1\n"
-            "dir/p.toml:3:9: error: \"serve.limits.force\" must be a number > 0, not inf");
+            "dir/p.toml:2:16: error: \"serve.limits.displacement\" must be a positive number, not -1\n"
+            "dir/p.toml:3:9: error: \"serve.limits.force\" must be a positive number, not inf");
 }
 
 TEST(ProjectFile, AllErrorsAtOnce) {

@@ -196,6 +196,9 @@ UpdateSetup set_up(const Project& given, assimilation::Features features, bool l
   likelihood::Measurements measurements =
       pictures ? pictures->measurements() : likelihood::read_measurements(project.data);
   if (pictures && !project.data.empty()) add_series_beside_pictures(project, measurements);
+  if (live)  // they come one by one
+    for (const auto& [name, std] : project.series_std)
+      measurements.series[name].values.assign(measurements.time.size(), std::nan(""));
   set_series_std(project, measurements);
   if (fixed)
     for (const KnownParameter& known : given.known) measurements.series.erase(known.name);
@@ -261,6 +264,13 @@ likelihood::PlausibleRange serve_limits(const Project& project, const UpdateSetu
     place == 0 ? range.limit_displacements(limit) : range.limit_scalar(place - 1, limit);
   }
   return range;
+}
+
+likelihood::GaussianNoise with_series_noise(const likelihood::GaussianNoise& of_picture,
+                                            const likelihood::Measurements& measurements) {
+  const Eigen::Index series = measurements.noise.scalar_count();
+  if (series == 0) return of_picture;
+  return of_picture.with_independent(measurements.noise.measurement().standard_deviations().tail(series));
 }
 
 likelihood::NoiseModel with_truncation(const likelihood::NoiseModel& noise,

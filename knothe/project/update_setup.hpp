@@ -50,6 +50,10 @@ struct UpdateSetup {
 /// nothing. ProjectError where it names a series that is not measured.
 [[nodiscard]] likelihood::PlausibleRange serve_limits(const Project& project, const UpdateSetup& setup);
 
+/// The noise of a picture with that of the series beside it, which `measurements` have.
+[[nodiscard]] likelihood::GaussianNoise with_series_noise(const likelihood::GaussianNoise& of_picture,
+                                                          const likelihood::Measurements& measurements);
+
 /// `noise` with the model's own error at each step of the data besides. UsageError where R is correlated and
 /// what the error's modes leave out would take a dense matrix of more than 1000 rows.
 [[nodiscard]] likelihood::NoiseModel with_truncation(const likelihood::NoiseModel& noise,

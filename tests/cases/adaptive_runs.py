@@ -228,7 +228,7 @@ class Test(Case):
         refused("runs = 80", "grid_error = 1e-6", 'give "grid_error" or "grid_shift", not both')
         refused("modes = 20", 'sparse_level = 3\nfailed_runs = "leave-out"', '"leave-out" does not go with "sparse_level"')
         refused("modes = 20", "sparse_level = 3", '"sparse_level" says which runs to make, and so does "grid_shift"')
-        refused("grid_shift = 0.1", "grid_shift = 0", "must be a number > 0, not 0")
+        refused("grid_shift = 0.1", "grid_shift = 0", "must be a positive number, not 0")
         refused("drift = { prior", "# drift = { prior", "a prior for each axis: offline.adaptive.grid_shift asks")
         refused("[simulate]", "[unused]", "unused")
         self.assertFalse((self.folder / "runs.log").exists())

@@ -123,7 +123,7 @@ class Test(InferCase):
 
     def test_priors_of_zero_width(self):
         self.edit("std = 1.0 }", "std = 0.0 }")
-        self.expect_project_refused("must be a number > 0, not 0", key="0.0 }", after="a = {")
+        self.expect_project_refused("must be a positive number, not 0", key="0.0 }", after="a = {")
 
     def test_a_uniform_prior_of_zero_width(self):
         self.set_priors("u = { prior = \"uniform\", lower = 1.0, upper = 1.0 }")

@@ -361,7 +361,7 @@ class Test(ServiceCase):
         self.write_configuration()
         self.refused(3, "session: is missing", "sesion: is not known here; there are service, source, session,",
                      'one of "opcua" and "modbus"', 'time.start: must be a time with its zone, such as "2026-11-23T09:00:00Z", not "yesterday"',
-                     "time.seconds: must be a number > 0, not 0", 'channels.reaction_force.every: must be a number > 0, not "fast"')
+                     "time.seconds: must be a positive number, not 0", 'channels.reaction_force.every: must be a positive number, not "fast"')
         self.configuration = json.loads(good)
         self.configuration["channels"] = {"reaction_force": {"register": 70000, "type": "float", "every": 0.1}}
         self.write_configuration()

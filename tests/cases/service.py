@@ -317,8 +317,8 @@ class Test(ServiceCase):
         self.assertEqual([line["step"] for line in service.states()], [1])
         self.assertEqual([held["reason"] for held in service.get("/v1/quarantine")[1]["quarantined"]], ["a value was beyond the limit of that time"])
         service.stop()
-        for limit, text in (("0", '"serve.limits.displacement" must be a number > 0, not 0'), ("inf", "must be a number > 0, not inf"),
-                            ('"1 m"', 'must be a number > 0, not "1 m"')):
+        for limit, text in (("0", '"serve.limits.displacement" must be a positive number, not 0'), ("inf", "must be a positive number, not inf"),
+                            ('"1 m"', 'must be a positive number, not "1 m"')):
             self.edit("[serve]\n", f"[serve]\nlimits = {{ displacement = {limit} }}\n")
             self.expect(3, "serve", self.project_name, stderr=text)
             self.edit(f"limits = {{ displacement = {limit} }}\n", "")

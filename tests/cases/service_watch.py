@@ -1,11 +1,13 @@
 """`knothe serve` with a folder in which a camera leaves its pictures. Judged by `knothe assimilate` on the same pictures."""
 import math
 import os
+import random
 import shutil
 import struct
 import time
 import unittest
 
+import analytic_model
 from service_support import ServiceCase
 
 
@@ -122,6 +124,44 @@ class Test(ServiceCase):
         time.sleep(0.6)
         self.assertEqual(service.settled()["records"], len(self.pictures))
         self.assertEqual([line["mean"] for line in service.states()], [line["mean"] for line in lines])
+
+    def test_a_load_cell_by_http_beside_the_pictures(self):
+        """Force and picture of a step in any order, by two ways: as `assimilate` of both, and after a restart the same lines."""
+        noise = random.Random(11)
+        times = [float(line.split(",")[0]) for line in (self.camera / "pictures.csv").read_text().splitlines()[1:]]
+        forces = [analytic_model.reaction_force(t, 1.06, 0.96) + noise.gauss(0, 2) for t in times]
+        (self.folder / "machine.csv").write_text("time,reaction_force\n" + "".join(f"{t!r},{f!r}\n" for t, f in zip(times, forces)))
+        self.cover_a_corner(self.pictures[-1])
+        self.edit('pictures = "pictures/"\n', 'pictures = "pictures/"\nfile = "machine.csv"\n\n[data.std]\nreaction_force = 2.0\n\n')
+        expected = self.assimilate()
+        self.edit('file = "machine.csv"\n', "")
+        service = self.watch()
+        for k, (name, t, force) in enumerate(zip(self.pictures, times, forces)):
+            cell = {"source": "cell", "session": "s", "seq": k, "time": t, "series": {"reaction_force": force}}
+            if k % 2:
+                self.assertEqual(service.send(cell)[0], 200)
+            self.rename_into_place(name)
+            self.wait_for_records(service, 2 * k + 1 + k % 2)
+            if not k % 2:
+                self.assertEqual(service.send(cell)[0], 200)
+        service.settled(2 * len(times))
+        lines = service.states()
+        for line, other in zip(lines, expected):
+            self.assertEqual(line["data"], 2)
+            for k in range(2):
+                self.assertAlmostEqual(line["mean"][k], other["mean"][k], delta=0.02 * math.sqrt(other["covariance"][k][k]))
+                self.assertAlmostEqual(line["covariance"][k][k] / other["covariance"][k][k], 1, delta=0.02)
+        wrong = {"source": "cell", "session": "s", "seq": 99, "time": times[0]}
+        for content, text in (({"series": {"reaction_forc": 1.0}}, 'does not take the series "reaction_forc" (did you mean "reaction_force"?)'),
+                              ({"series": {"reaction_force": 1.0}, "values": []}, '"series" stands in place of "values"'),
+                              ({"series": {}}, "an object of numbers by name"), ({"series": {"reaction_force": "1"}}, "neither a number nor null")):
+            answer = service.send({**wrong, **content})
+            self.expect_error(answer, 400, "Malformed")
+            self.assertIn(text, answer[1]["error"]["message"])
+        service.kill()
+        service.start()
+        service.settled(2 * len(times))
+        self.assertEqual([(line["mean"], line["log_evidence"]) for line in service.states()], [(line["mean"], line["log_evidence"]) for line in lines])
 
     def test_a_bad_picture_is_missing_and_said(self):
         service = self.watch()

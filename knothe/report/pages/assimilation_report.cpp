@@ -30,7 +30,7 @@ void add_verdict(Page& page, const record::Results& results) {
   std::vector<TableRow> rows;
   for (const assimilation::VerdictReason& reason : results.verdict.reasons)
     rows.push_back({{to_text(reason.part), to_text(reason.level), reason.message}});
-  if (!rows.empty()) page.table({"about", "level", "what it is, and what to do"}, rows);
+  if (!rows.empty()) page.table({"Verdict on", "level", "what it is, and what to do"}, rows);
   if (const auto& asked = results.refinement)
     page.note(
         fmt::format("The full-order model was run {:.0f} times in the region of the posterior, and the "

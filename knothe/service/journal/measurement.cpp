@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/files/json_text.hpp"
 #include "knothe/files/npy.hpp"
 #include "knothe/files/numbers.hpp"
@@ -112,7 +113,31 @@ void read_status(const Received& array, Measurement& datum) {
   }
 }
 
+void read_series(const Received& object, Measurement& datum) {
+  if (!object.is_object() || object.empty()) malformed("\"series\" must be an object of numbers by name");
+  for (const auto& [name, value] : object.items()) {
+    if (!value.is_null() && !value.is_number())
+      malformed(fmt::format("series \"{}\" is neither a number nor null", name));
+    datum.series[name] = value.is_null() ? std::numeric_limits<double>::quiet_NaN() : value.get<double>();
+  }
+}
+
 }  // namespace
+
+void Measurement::set_values_of_series(const model::Sensors& sensors) {
+  values.assign(sensors.size(), std::numeric_limits<double>::quiet_NaN());
+  status.assign(sensors.size(), 1);
+  for (const auto& [name, value] : series) {
+    const auto found = std::find(sensors.scalars.begin(), sensors.scalars.end(), name);
+    if (found == sensors.scalars.end())
+      malformed(fmt::format("this site does not take the series \"{}\"{}", name,
+                            did_you_mean(name, sensors.scalars)));
+    const std::size_t at = sensors.displacement_count() + (found - sensors.scalars.begin());
+    values[at] = value;
+    status[at] = std::isnan(value) ? 1 : 0;
+  }
+  series.clear();
+}
 
 std::vector<double> Measurement::effective_values() const {
   std::vector<double> effective = values;
@@ -165,8 +190,14 @@ SiteMeasurement parse_json_measurement(std::string_view body) {
   const Received& time = member(object, "time");
   if (!time.is_number() || !std::isfinite(time.get<double>())) malformed("\"time\" must be a finite number");
   datum.time = time.get<double>();
-  read_values(member(object, "values"), datum);
-  if (object.contains("status")) read_status(object["status"], datum);
+  if (object.contains("series")) {
+    if (object.contains("values") || object.contains("status"))
+      malformed("\"series\" stands in place of \"values\" and \"status\"");
+    read_series(object["series"], datum);
+  } else {
+    read_values(member(object, "values"), datum);
+    if (object.contains("status")) read_status(object["status"], datum);
+  }
   return result;
 }
 

@@ -135,8 +135,12 @@ std::string openapi_document() {
                                 {"time", number},
                                 {"values", {{"type", "array"}, {"items", {{"type", {"number", "null"}}}}}},
                                 {"status", {{"type", "array"}, {"items", words}}},
+                                {"series",
+                                 {{"type", "object"},
+                                  {"additionalProperties", {{"type", {"number", "null"}}}},
+                                  {"description", "in place of values: those of series by name"}}},
                                 {"test", words}},
-                               {"source", "session", "seq", "time", "values"});
+                               {"source", "session", "seq", "time"});
   const Json stored = object_of({{"accepted", boolean},
                                  {"duplicate", boolean},
                                  {"step", integer},

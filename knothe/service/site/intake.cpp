@@ -43,8 +43,10 @@ Intake::Measured Intake::measure(const PictureStamp& stamp, const files::Picture
     pictured_ = {{pictured_[1], step}};
     const auto measured = site_->setup().pictures->measure(picture, stamp.name, std::move(increment));
     if (measured.picture.missing) result.trouble = measured.picture.message;
-    std::copy_n(measured.values.data(), datum.values.size(), datum.values.begin());
-    if (measured.noise) datum.noise = noise_bytes(*measured.noise);
+    std::copy_n(measured.values.data(), measured.values.size(),
+                datum.values.begin());  // series come by others
+    if (measured.noise)
+      datum.noise = noise_bytes(project::with_series_noise(*measured.noise, site_->setup().measurements));
   } catch (const Error& error) {
     result.trouble = error.what();
   }
@@ -70,7 +72,8 @@ Eigen::VectorXd Intake::increment_to(std::optional<std::size_t> step) {
   const auto line = site_->lines().line(*before);
   if (!line) return {};
   const model::ObservedModel& model = *site_->setup().problem.model;
-  return model.predict(line->mean, *step) - model.predict(line->mean, *last);
+  const Eigen::VectorXd increment = model.predict(line->mean, *step) - model.predict(line->mean, *last);
+  return increment.head(site_->setup().measurements.sensors.displacement_count());
 }
 
 Intake::StoreOutcome Intake::store(Measurement measurement, const std::string& name) {

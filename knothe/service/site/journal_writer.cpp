@@ -265,6 +265,7 @@ std::string JournalWriter::reason_of(Quarantine quarantined, const Measurement& 
 }
 
 void JournalWriter::ingest(Measurement datum, std::function<void(Answer)> done) {
+  if (!datum.series.empty()) datum.set_values_of_series(setup_.measurements.sensors);
   check_values(datum);
   try {
     datum.step = likelihood::match_times({&datum.time, 1}, setup_.problem.model->time, "the datum")[0];
