@@ -179,7 +179,7 @@ struct Extent {
     low.fill(grid.count - 1);
     const Index d = grid.dimension();
     const auto widen = [&](Index axis, Index at) {
-      const auto k = static_cast<std::size_t>(axis);
+      const std::size_t k = axis;
       low[k] = std::min(low[k], at);
       high[k] = std::max(high[k], at);
     };
@@ -213,7 +213,7 @@ Grid find_window(GridDensity& target, Eigen::VectorXd& values) {
     double shrink = 1;  // of the axis that shrinks most
     bool grown = false;
     for (Index k = 0; k < d; ++k) {
-      const auto axis = static_cast<std::size_t>(k);
+      const std::size_t axis = k;
       Index from = std::max<Index>(extent.low[axis] - 1, 0);
       Index to = std::min<Index>(extent.high[axis] + 1, count - 1);
       if (extent.low[axis] == 0 && grid.first[k] > -frame.limit) from = -count / 4, grown = true;
@@ -362,7 +362,7 @@ Eigen::MatrixXd quantiles(const QuadraturePosterior& posterior, const Frame& fra
   const Index d = grid.dimension();
   Eigen::MatrixXd result(d, std::ssize(k_quantile_levels));
   const Eigen::MatrixXd lines = grid.axes();
-  const auto n = static_cast<std::size_t>(posterior.weights.size());
+  const std::size_t n = posterior.weights.size();
   for (Index k = 0; k < d; ++k) {
     if (frame.axes.size() == 0) {
       result.row(k) = all.quantiles(k, lines.col(k));
