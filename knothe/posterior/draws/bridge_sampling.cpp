@@ -52,7 +52,7 @@ BridgeEstimate bridge_sampling(LogDensity& user_target, const Eigen::Ref<const E
   Gaussian bridge{fitted.colwise().mean().transpose(), {}};
   const Eigen::MatrixXd centred = fitted.rowwise() - bridge.mean.transpose();
   const Eigen::LLT<Eigen::MatrixXd> cholesky(centred.transpose() * centred /
-                                             static_cast<double>(fitted.rows()));
+                                             fitted.rows());
   if (cholesky.info() != Eigen::Success) throw UsageError("bridge sampling: the draws have no spread");
   bridge.lower = cholesky.matrixL();
   const Eigen::MatrixXd proposed =

@@ -26,7 +26,7 @@ std::vector<int> quarters(const Eigen::VectorXd& values) {
 double mean_square_contingency(const std::vector<int>& a, const std::vector<int>& b) {
   std::array<double, 16> counts{};
   for (std::size_t i = 0; i < a.size(); ++i) counts[4 * a[i] + b[i]] += 1;
-  const double expected = static_cast<double>(a.size()) / 16;
+  const double expected = a.size() / 16.0;
   double sum = 0;
   for (const double count : counts) sum += (count - expected) * (count - expected);
   return sum / (expected * a.size());
