@@ -89,7 +89,7 @@ FullOrderResult follow(Loading loading, const Structure& structure, const Solver
                        const std::function<void(int)>& on_step) {
   const std::clock_t start = std::clock();
   FullOrderResult result;
-  result.displacement.reserve(static_cast<std::size_t>(options.steps) * structure.dof_count());
+  result.displacement.reserve(options.steps * structure.dof_count());
   for (int step = 0; step < options.steps; ++step) {
     check_cancellation(
         fmt::format("step {} of {} of a full-order run; nothing of this run is kept", step, options.steps));
@@ -100,7 +100,7 @@ FullOrderResult follow(Loading loading, const Structure& structure, const Solver
   }
   result.cell_damage = loading.cell_damage();
   result.crack_length = crack_length(structure.mesh(), structure.elements(), result.cell_damage);
-  result.cpu_seconds = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
+  result.cpu_seconds = 1.0 * (std::clock() - start) / CLOCKS_PER_SEC;
   return result;
 }
 
