@@ -23,8 +23,7 @@ Eigen::SparseMatrix<double> matrix_of(const Noise::Precision& precision) {
           precision.columns[at] >= n)
         throw UsageError(fmt::format(
             "noise: the precision's entry {} of row {} is outside the {} x {} matrix", i, row, n, n));
-      entries.emplace_back(row, precision.columns[at],
-                           precision.values[at]);
+      entries.emplace_back(row, precision.columns[at], precision.values[at]);
     }
   Eigen::SparseMatrix<double> matrix(n, n);
   matrix.setFromTriplets(entries.begin(), entries.end());

@@ -199,8 +199,7 @@ double slope_error(const Density& density, std::vector<double>& point, std::size
 void check_gradient(const Density& density) {
   constexpr int k_points = 5, k_wrong = 3;
   constexpr double k_share = 0.2, k_of_steepest = 0.1;
-  const Eigen::MatrixXd points =
-      numerics::monte_carlo_normal_points(k_points, density.dimension, 1);
+  const Eigen::MatrixXd points = numerics::monte_carlo_normal_points(k_points, density.dimension, 1);
   std::vector<double> point(density.dimension), slope(density.dimension);
   std::vector<int> wrong(density.dimension, 0);
   for (Eigen::Index i = 0; i < k_points; ++i) {

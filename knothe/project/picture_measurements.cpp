@@ -171,8 +171,8 @@ PictureMeasurements::PictureMeasurements(const Project& given, const model::Sepa
                                    std::numeric_limits<double>::quiet_NaN());
   const likelihood::NoiseModel whole =
       noise_of(series_->precision(series_->correlation().usable_elements(), gamma_).matrix);
-  measurements_.noise = whole.with_shared_reference(series_->reference_count())
-                            .with_scale_error(frame_.relative_scale_std);
+  measurements_.noise =
+      whole.with_shared_reference(series_->reference_count()).with_scale_error(frame_.relative_scale_std);
   correlate_ahead();
 }
 

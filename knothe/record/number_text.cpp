@@ -87,8 +87,7 @@ Ticks nice_ticks(double low, double high, int wanted) {
   for (int p = power - 1; p <= power + 1; ++p)
     for (double digit : {1.0, 2.0, 5.0}) {
       const double candidate = digit * std::pow(10.0, p);
-      const int count =
-          std::floor(high / candidate + 1e-9) - std::ceil(low / candidate - 1e-9) + 1;
+      const int count = std::floor(high / candidate + 1e-9) - std::ceil(low / candidate - 1e-9) + 1;
       const int distance = std::abs(count - wanted);
       if (count >= 2 && distance < best) best = distance, step = candidate, step_power = p;
     }

@@ -96,14 +96,12 @@ class Writer {
       const StepDraws here = draw_step(file_.steps[s], *observed, file_.priors, n_rows, k_draws, stride);
       for (std::size_t j = 0; j < k_draws; ++j) {
         const Eigen::Index row = j;
-        for (std::size_t k = 0; k < d; ++k)
-          draws[k][j * n_steps_ + s] = here.parameters(row, k);
+        for (std::size_t k = 0; k < d; ++k) draws[k][j * n_steps_ + s] = here.parameters(row, k);
         likelihood[j * n_steps_ + s] = here.log_likelihood[row];
       }
       for (std::size_t j = 0; j < n_predicted; ++j) {
         const auto column = here.predicted.col(j);
-        std::copy_n(column.data(), n_observations_,
-                    predicted.begin() + (j * n_steps_ + s) * n_observations_);
+        std::copy_n(column.data(), n_observations_, predicted.begin() + (j * n_steps_ + s) * n_observations_);
         for (std::size_t k = 0; k < scalars.size(); ++k)
           series[k][j * n_steps_ + s] = column[n_observations_ + k];
       }

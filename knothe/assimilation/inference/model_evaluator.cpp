@@ -20,8 +20,7 @@ std::string key_of(CallKind kind, const Eigen::Ref<const Eigen::VectorXd>& point
                    const Eigen::Ref<const Eigen::VectorXd>& sensitivity) {
   std::string key(1, static_cast<char>(kind));
   for (const auto* part : {&point, &sensitivity})
-    key.append(reinterpret_cast<const char*>(part->data()),
-               part->size() * sizeof(double));
+    key.append(reinterpret_cast<const char*>(part->data()), part->size() * sizeof(double));
   return key;
 }
 

@@ -43,8 +43,8 @@ double GaussianFilter::update(const likelihood::StepForm& form) {
   if (kind_ == posterior::Method::extended_kalman) return update_extended(form);
   const Eigen::Index d = mean_.size();
   if (kind_ == posterior::Method::ensemble_kalman) {
-    return update_by_points(
-        form, members_, Eigen::VectorXd::Constant(members_.rows(), 1.0 / members_.rows()));
+    return update_by_points(form, members_,
+                            Eigen::VectorXd::Constant(members_.rows(), 1.0 / members_.rows()));
   }
   const double kappa = std::max(3.0 - d, 0.0), spread = d + kappa;
   const Eigen::MatrixXd root = Eigen::LLT<Eigen::MatrixXd>(covariance_).matrixL();

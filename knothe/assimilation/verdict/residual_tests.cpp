@@ -283,8 +283,7 @@ void ResidualTests::test_extremes(ResidualReport& report) const {
   }
   z.col(step).cwiseAbs().maxCoeff(&sensor);
   const auto of_many = [](double score, double count) { return std::min(1.0, two_sided(score) * count); };
-  report.set(ResidualTest::value, of_many(largest, report.values),
-             step * z.rows() + sensor);
+  report.set(ResidualTest::value, of_many(largest, report.values), step * z.rows() + sensor);
   if (likelihood::links_steps(noise_)) return;
   const double mean = sums.cwiseAbs().maxCoeff(&at) / std::sqrt(z.cols());
   report.set(ResidualTest::sensor_mean, of_many(mean, z.rows()), at);

@@ -195,8 +195,7 @@ PixelTable::PixelTable(const ImageMesh& mesh, int width, int height) {
   for (const bool closed : {false, true})
     for (Index e = 0; e < std::ssize(mesh.elements); ++e) {
       const Box box = box_of(mesh, mesh.elements[e]);
-      const int first = std::ceil(box.y0 - k_rounding),
-                last = std::floor(box.y1 + k_rounding);
+      const int first = std::ceil(box.y0 - k_rounding), last = std::floor(box.y1 + k_rounding);
       for (int y = std::max(0, first); y <= std::min(height - 1, last); ++y) {
         if (!closed && y > box.y1 - k_rounding) continue;
         double left = 0, right = 0;

@@ -202,10 +202,9 @@ void write_measurements_csv(const std::string& path, const Measurements& m) {
     for (std::size_t i = 0; i < rows; ++i) {
       const auto at = m.sensors.point(i);
       const Eigen::Index row = i;
-      text +=
-          fmt::format("{},s{},{},{},{},{},{},{}{}\n", time, i, number(at[0]), number(at[1]), number(at[2]),
-                      "xyz"[m.sensors.components[i]], number(m.values(row, t)),
-                      number(std[row]), shared ? "," : "");
+      text += fmt::format("{},s{},{},{},{},{},{},{}{}\n", time, i, number(at[0]), number(at[1]),
+                          number(at[2]), "xyz"[m.sensors.components[i]], number(m.values(row, t)),
+                          number(std[row]), shared ? "," : "");
     }
     for (const auto& [name, series] : m.series) {
       text += fmt::format("{0},{1},,,,{1},{2},{3}", time, name, number(series.values[t]),

@@ -23,8 +23,7 @@ constexpr std::size_t k_rows_of_a_kind = 256;
 /// The rows of each kind of sensor.
 std::vector<Rows> kinds_of(const model::Sensors& sensors) {
   std::vector<Rows> kinds(3);
-  for (std::size_t i = 0; i < sensors.displacement_count(); ++i)
-    kinds.at(sensors.components[i]).push_back(i);
+  for (std::size_t i = 0; i < sensors.displacement_count(); ++i) kinds.at(sensors.components[i]).push_back(i);
   const Index all = sensors.size();
   for (Index i = sensors.displacement_count(); i < all; ++i) kinds.push_back({i});
   return kinds;

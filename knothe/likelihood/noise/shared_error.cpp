@@ -144,8 +144,7 @@ Eigen::MatrixXd SharedError::innovation(const ProjectedDatum& datum, bool moved,
   columns.rightCols(m) -= mean_(group.kept, Eigen::seqN(1 + r, m));
   if (moved) columns.middleCols(1 + r, s) = group.space;
   for (Eigen::Index i = 0; i < std::ssize(standing); ++i) {
-    columns.middleCols(1 + r + s * (1 + i), s) =
-        -effect_of_kind(*standing[i])(group.kept, Eigen::all);
+    columns.middleCols(1 + r + s * (1 + i), s) = -effect_of_kind(*standing[i])(group.kept, Eigen::all);
   }
   return columns;
 }

@@ -182,8 +182,7 @@ void UmbridgeModel::evaluate_one(HttpConnection& connection, const Point& point,
                                 output.is_array() ? output.size() : 0, output_sizes_.size()));
   out.setConstant(k_nothing);
   for (std::size_t o = 0; o < output_sizes_.size(); ++o)
-    umbridge::read_vector(output[o],
-                          out.segment(offset(output_sizes_, o), output_sizes_[o]),
+    umbridge::read_vector(output[o], out.segment(offset(output_sizes_, o), output_sizes_[o]),
                           fmt::format("output[{}]", o), place);
 }
 
@@ -223,8 +222,7 @@ void UmbridgeModel::jacobian(const Eigen::Ref<const Eigen::MatrixXd>& points,
     for (std::size_t o = 0; o < output_sizes_.size(); ++o)
       for (std::size_t b = 0; b < input_sizes_.size(); ++b)
         for (std::size_t k = 0; k < input_sizes_[b]; ++k)
-          j.col(offset(input_sizes_, b) + k)
-              .segment(offset(output_sizes_, o), output_sizes_[o]) =
+          j.col(offset(input_sizes_, b) + k).segment(offset(output_sizes_, o), output_sizes_[o]) =
               protocol.vector("/ApplyJacobian",
                               {{"outWrt", o}, {"inWrt", b}, {"vec", unit_vector(input_sizes_[b], k)}},
                               output_sizes_[o]);
@@ -244,8 +242,7 @@ void UmbridgeModel::hessian(const Eigen::Ref<const Eigen::MatrixXd>& points,
       for (std::size_t a = 0; a < input_sizes_.size(); ++a)
         for (std::size_t b = 0; b < input_sizes_.size(); ++b)
           for (std::size_t k = 0; k < input_sizes_[b]; ++k)
-            h.col(offset(input_sizes_, b) + k)
-                .segment(offset(input_sizes_, a), input_sizes_[a]) +=
+            h.col(offset(input_sizes_, b) + k).segment(offset(input_sizes_, a), input_sizes_[a]) +=
                 protocol.vector("/ApplyHessian",
                                 {{"outWrt", o},
                                  {"inWrt1", a},
@@ -255,8 +252,7 @@ void UmbridgeModel::hessian(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                 input_sizes_[a]);
     hessians.col(i) = (0.5 * (h + h.transpose())).reshaped();
   });
-  calls_.hessians +=
-      points.cols() * dimension_ * std::ssize(output_sizes_) * std::ssize(input_sizes_);
+  calls_.hessians += points.cols() * dimension_ * std::ssize(output_sizes_) * std::ssize(input_sizes_);
 }
 
 }  // namespace knothe::model

@@ -89,7 +89,7 @@ FullOrderResult follow(Loading loading, const Structure& structure, const Solver
                        const std::function<void(int)>& on_step) {
   const std::clock_t start = std::clock();
   FullOrderResult result;
-  result.displacement.reserve(options.steps * structure.dof_count());
+  result.displacement.reserve(static_cast<std::size_t>(options.steps) * structure.dof_count());
   for (int step = 0; step < options.steps; ++step) {
     check_cancellation(
         fmt::format("step {} of {} of a full-order run; nothing of this run is kept", step, options.steps));

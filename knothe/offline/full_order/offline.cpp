@@ -124,7 +124,7 @@ model::Mesh mesh_of(const HexahedronMesh& mesh) {
 
 std::vector<double> elastic_lift(const Structure& structure, const SolverOptions& solver) {
   std::vector<double> lift;
-  lift.reserve(solver.steps * structure.dof_count());
+  lift.reserve(static_cast<std::size_t>(solver.steps) * structure.dof_count());
   for (int i = 0; i < solver.steps; ++i) {
     const double imposed = solver.displacement * (i + 1) / solver.steps;
     for (const double value : structure.unit_lift()) lift.push_back(imposed * value);

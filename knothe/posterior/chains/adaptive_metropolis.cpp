@@ -196,8 +196,8 @@ void Chains::advance(bool tune) {
   ++step_;
   ++steps_since_learning_;
   if (tune)  // Robbins and Monro
-    kernel.log_scale += 2 * std::pow(steps_since_learning_ / 4.0 + 1, -0.6) *
-                        (acceptance_ - kernel.wanted_acceptance);
+    kernel.log_scale +=
+        2 * std::pow(steps_since_learning_ / 4.0 + 1, -0.6) * (acceptance_ - kernel.wanted_acceptance);
 }
 
 void fill_statistics(MetropolisResult& result) {

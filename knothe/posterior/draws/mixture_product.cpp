@@ -14,9 +14,8 @@ std::vector<int> quarters(const Eigen::VectorXd& values) {
   const std::size_t n = values.size();
   std::vector<std::size_t> order(n);
   std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-    return values[a] < values[b];
-  });
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return values[a] < values[b]; });
   std::vector<int> quarter(n);
   for (std::size_t rank = 0; rank < n; ++rank) quarter[order[rank]] = 4 * rank / n;
   return quarter;

@@ -277,8 +277,7 @@ Marginals marginals(const Grid& grid, const std::vector<GridRun>& runs, const Ei
   for (const GridRun& run : runs) {
     if (!grid.is_every(stride, run.row)) continue;
     for (Index k = 0; k + 1 < d; ++k) row[k] = grid.place(run.row, k);
-    result.add(run, weights, (run.begin + stride - 1) / stride * stride, stride,
-               std::span(row).first(d - 1));
+    result.add(run, weights, (run.begin + stride - 1) / stride * stride, stride, std::span(row).first(d - 1));
   }
   return result;
 }

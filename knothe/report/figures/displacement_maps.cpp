@@ -100,8 +100,7 @@ std::vector<double> round_numbers(double low, double high) {
 /// As many decimals as their differences need.
 std::string number_text(double number, const std::vector<double>& among) {
   const double step = among.size() > 1 ? among[1] - among[0] : 1;
-  return fmt::format("{:.{}f}", number,
-                     std::clamp<int>(std::ceil(-std::log10(step) - 1e-9), 0, 6));
+  return fmt::format("{:.{}f}", number, std::clamp<int>(std::ceil(-std::log10(step) - 1e-9), 0, 6));
 }
 
 void draw_bar(Canvas& canvas, int x, int y, int height, const Map& map) {
@@ -112,8 +111,7 @@ void draw_bar(Canvas& canvas, int x, int y, int height, const Map& map) {
   }
   const std::vector<double> numbers = round_numbers(map.low, map.high);
   for (const double number : numbers) {
-    const int at = y + height - 1 -
-                   std::lround((number - map.low) / (map.high - map.low) * (height - 1));
+    const int at = y + height - 1 - std::lround((number - map.low) / (map.high - map.low) * (height - 1));
     canvas.fill(x + k_width / 2, at, k_width / 2, 2,
                 k_ink);  // inside the bar: beside it, it would be a minus
     const std::string text = number_text(number, numbers);
@@ -141,8 +139,7 @@ void draw_axes(Canvas& canvas, int left, int top, const View& view,
   };
   const auto along = round_numbers(std::min(from[0], to[0]), std::max(from[0], to[0]));
   for (const double number : along) {
-    const int at =
-        left + std::lround((number - from[0]) / (to[0] - from[0]) * (view.width - 1));
+    const int at = left + std::lround((number - from[0]) / (to[0] - from[0]) * (view.width - 1));
     canvas.fill(at, top + view.height, 1, 5, k_ink);
     const std::string text = number_text(number, along);
     const int half = Canvas::text_width(text) / 2;
@@ -152,8 +149,7 @@ void draw_axes(Canvas& canvas, int left, int top, const View& view,
   canvas.text(left + view.width - Canvas::text_width(name(0)), top + view.height + 8, name(0), k_ink);
   const auto up = round_numbers(std::min(from[1], to[1]), std::max(from[1], to[1]));
   for (const double number : up) {
-    const int at =
-        top + std::lround((number - from[1]) / (to[1] - from[1]) * (view.height - 1));
+    const int at = top + std::lround((number - from[1]) / (to[1] - from[1]) * (view.height - 1));
     canvas.fill(left - 5, at, 5, 1, k_ink);
     const std::string text = number_text(number, up);
     if (at - 8 > top + 14) canvas.text(left - 8 - Canvas::text_width(text), at - 8, text, k_ink);
@@ -170,8 +166,7 @@ void draw_map(Canvas& canvas, int left, int top, const View& view,
   top += k_title;
   for (int j = 0; j < view.height; ++j)
     for (int i = 0; i < view.width; ++i) {
-      const int x = view.x0 + i / view.scale,
-                y = view.y0 + j / view.scale;
+      const int x = view.x0 + i / view.scale, y = view.y0 + j / view.scale;
       const auto grey =
           static_cast<std::uint8_t>(std::clamp(255 * picture.at(x, y) / picture.maximum, 0.0F, 255.0F));
       canvas.blend(left + i, top + j, {grey, grey, grey});

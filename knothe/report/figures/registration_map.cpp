@@ -20,10 +20,8 @@ constexpr Rgb k_ink{20, 20, 20}, k_outline{0, 200, 255}, k_used{255, 235, 0}, k_
 
 void write_registration_map(const std::string& path, const files::Picture& picture,
                             const imaging::OutlineFit& fit) {
-  const double scale =
-      std::min(2.0, 1.0 * k_longest / std::max(picture.width, picture.height));
-  const int width = picture.width * scale,
-            height = picture.height * scale;
+  const double scale = std::min(2.0, 1.0 * k_longest / std::max(picture.width, picture.height));
+  const int width = picture.width * scale, height = picture.height * scale;
   Canvas canvas(std::max(k_min_width, width) + 2 * k_gap, height + k_head + 2 * k_gap);
   const double mm = 1e3 * fit.frame.scale();
   canvas.text(

@@ -112,10 +112,10 @@ std::vector<Card> headline(const record::Results& results) {
 TableRow map_order_row(const record::Results& results) {
   const auto& steps = results.steps;
   const std::size_t highest = std::max_element(steps.begin(), steps.end(),
-                                                [](const record::Step& a, const record::Step& b) {
-                                                  return a.map_order < b.map_order;
-                                                }) -
-                               steps.begin();
+                                               [](const record::Step& a, const record::Step& b) {
+                                                 return a.map_order < b.map_order;
+                                               }) -
+                              steps.begin();
   std::size_t first = highest, end = highest;
   const int floor = std::max(2, steps[highest].map_order - 1);
   for (std::size_t i = 0; i < steps.size(); ++i)

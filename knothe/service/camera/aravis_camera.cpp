@@ -197,8 +197,7 @@ class SoftwareTrigger {
     std::unique_lock lock(mutex_);
     const auto start = std::chrono::steady_clock::now();
     for (std::int64_t i = 1; !stop.stop_requested(); ++i) {
-      const auto due =
-          start + std::chrono::duration_cast<std::chrono::nanoseconds>(i * period_);
+      const auto due = start + std::chrono::duration_cast<std::chrono::nanoseconds>(i * period_);
       end_.wait_until(lock, stop, due, [] { return false; });
       if (stop.stop_requested()) return;
       Attempt unseen("");  // that the camera is gone is told by its stream

@@ -79,8 +79,7 @@ likelihood::GaussianNoise noise_of_bytes(std::string_view bytes) {
   for (std::uint64_t column = 0; column < n; ++column) {
     if (outer[column] > outer[column + 1]) damaged();
     for (int k = outer[column]; k < outer[column + 1]; ++k)
-      if (inner[k] < (k == outer[column] ? 0 : inner[k - 1] + 1) ||
-          static_cast<std::uint64_t>(inner[k]) >= n)
+      if (inner[k] < (k == outer[column] ? 0 : inner[k - 1] + 1) || static_cast<std::uint64_t>(inner[k]) >= n)
         damaged();
   }
   const Eigen::Index rows = n;

@@ -76,11 +76,10 @@ std::string csv_of(const Opened& opened) {
                           files::format_number(std[i]));
     for (std::size_t i = 0; i < sensors.displacement_count(); ++i) {
       const auto at = sensors.point(i);
-      text +=
-          fmt::format("{},s{},{},{},{},{},{},{}\n", files::format_number(entry.measurement.time), i,
-                      files::format_number(at[0]), files::format_number(at[1]), files::format_number(at[2]),
-                      "xyz"[sensors.components[i]], files::format_number(values[i]),
-                      files::format_number(std[i]));
+      text += fmt::format("{},s{},{},{},{},{},{},{}\n", files::format_number(entry.measurement.time), i,
+                          files::format_number(at[0]), files::format_number(at[1]),
+                          files::format_number(at[2]), "xyz"[sensors.components[i]],
+                          files::format_number(values[i]), files::format_number(std[i]));
     }
   }
   return text;

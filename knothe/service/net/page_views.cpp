@@ -165,9 +165,8 @@ Json mesh(const Site& site) {
   Json connectivity = Json::array();
   const std::size_t k = model_mesh->nodes_per_cell;
   for (std::size_t c = 0; c < model_mesh->cell_count(); ++c)
-    connectivity.push_back(
-        std::vector<std::int64_t>(model_mesh->cells.begin() + c * k,
-                                  model_mesh->cells.begin() + (c + 1) * k));
+    connectivity.push_back(std::vector<std::int64_t>(model_mesh->cells.begin() + c * k,
+                                                     model_mesh->cells.begin() + (c + 1) * k));
   Json sensors = Json::array();
   const model::Sensors& places = site.setup().measurements.sensors;
   const Eigen::VectorXd std = site.setup().measurements.noise.measurement().standard_deviations();
@@ -179,8 +178,7 @@ Json mesh(const Site& site) {
                        {"std", std[i]}});
   Json scalars = Json::array();
   for (std::size_t i = 0; i < places.scalars.size(); ++i)
-    scalars.push_back({{"name", places.scalars[i]},
-                       {"std", std[places.displacement_count() + i]}});
+    scalars.push_back({{"name", places.scalars[i]}, {"std", std[places.displacement_count() + i]}});
   return {{"points", triples(model_mesh->points)},
           {"cells", Json::array({{{"type", cell_name(model_mesh->type)}, {"connectivity", connectivity}}})},
           {"sensors", sensors},

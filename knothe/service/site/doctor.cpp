@@ -77,8 +77,8 @@ std::pair<double, double> sync_times(const std::string& folder) {
   const std::string block(4096, 'k');
   for (int i = 0; i < 20; ++i) {
     const auto start = std::chrono::steady_clock::now();
-    const bool written = ::write(file, block.data(), block.size()) == std::ssize(block) &&
-                         ::fdatasync(file) == 0;
+    const bool written =
+        ::write(file, block.data(), block.size()) == std::ssize(block) && ::fdatasync(file) == 0;
     if (!written) times = {};
     if (!written) break;
     times.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());

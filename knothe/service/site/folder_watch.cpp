@@ -238,8 +238,7 @@ FolderWatch::StoreOutcome FolderWatch::ingest_table(const std::string& name) {
       measurement.key = {k_csv_source, name, static_cast<std::int64_t>(steps[t])};
       measurement.time = table.time[t];
       measurement.values.assign(sensors, std::numeric_limits<double>::quiet_NaN());
-      for (std::size_t i = 0; i < place.size(); ++i)
-        measurement.values[place[i]] = table.values(i, t);
+      for (std::size_t i = 0; i < place.size(); ++i) measurement.values[place[i]] = table.values(i, t);
       for (std::size_t i = 0; i < scalars.size(); ++i)
         if (const auto it = table.series.find(scalars[i]); it != table.series.end())
           measurement.values[behind + i] = it->second.values[t];
