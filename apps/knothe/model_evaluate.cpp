@@ -28,7 +28,7 @@ int model_evaluate(const EvaluateArguments& arguments) {
     }
     dofs.push_back(dof);
   }
-  const auto step = static_cast<std::size_t>(arguments.step);
+  const std::size_t step = arguments.step;
   if (!arguments.output.empty()) {
     files::refuse_overwriting(arguments.output, {arguments.model});
     if (!model.contents().mesh)
@@ -44,12 +44,12 @@ int model_evaluate(const EvaluateArguments& arguments) {
     line["hessian"] = Json::array();
     const std::size_t d = field.dimension;
     for (std::size_t i = 0; i < field.count; ++i) {
-      const auto gradient = field.gradient.begin() + static_cast<std::ptrdiff_t>(i * d);
-      line["gradient"].push_back(std::vector<double>(gradient, gradient + static_cast<std::ptrdiff_t>(d)));
+      const auto gradient = field.gradient.begin() + i * d;
+      line["gradient"].push_back(std::vector<double>(gradient, gradient + d));
       Json rows = Json::array();
       for (std::size_t a = 0; a < d; ++a) {
-        const auto row = field.hessian.begin() + static_cast<std::ptrdiff_t>((i * d + a) * d);
-        rows.push_back(std::vector<double>(row, row + static_cast<std::ptrdiff_t>(d)));
+        const auto row = field.hessian.begin() + (i * d + a) * d;
+        rows.push_back(std::vector<double>(row, row + d));
       }
       line["hessian"].push_back(std::move(rows));
     }

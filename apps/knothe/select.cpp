@@ -33,7 +33,7 @@ int select(const SelectArguments& arguments) {
   const auto names = setup.model.parameter_names();
   for (std::size_t i = 0; i < study.ranked.size(); ++i) {
     const auto& r = study.ranked[i];
-    const auto k = static_cast<std::size_t>(r.dof);
+    const std::size_t k = r.dof;
     fmt::print("{:3}  dof {} ({} at {:.1f}, {:.1f}, {:.1f} mm) {}\n", i + 1, setup.candidates[k],
                "xyz"[setup.sensors.components[k]], 1e3 * setup.problem.positions(r.dof, 0),
                1e3 * setup.problem.positions(r.dof, 1), 1e3 * setup.problem.positions(r.dof, 2),

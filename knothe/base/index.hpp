@@ -2,8 +2,6 @@
 /// @file The one type of indices and counts.
 #include <cstddef>
 
-#include "knothe/base/index.hpp"
-
 namespace knothe {
 
 /// Signed, as Eigen's and as `std::ssize` returns it: differences of indices are what they look like, and

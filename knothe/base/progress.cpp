@@ -32,7 +32,7 @@ void Progress::advance_to(std::size_t done, const std::string& detail) {
 
 void Progress::show(const std::string& detail, bool last) {
   const double elapsed = std::chrono::duration<double>(Clock::now() - start_).count();
-  const double fraction = static_cast<double>(done_) / total_;
+  const double fraction = 1.0 * done_ / total_;
   const double left = fraction > 0 ? elapsed * (1 - fraction) / fraction : 0;
   const std::string time = last ? fmt::format("{:.1f} s", elapsed) : fmt::format("{:.0f} s left", left);
   std::string line;

@@ -117,7 +117,7 @@ std::string encoded(const std::string& path, const Picture& picture) {
         const float value = picture.at(x, y);
         if (!std::isfinite(value))
           throw UsageError(fmt::format("write picture: pixel ({}, {}) is not finite", x, y));
-        const auto level = static_cast<unsigned>(std::clamp(std::round(value), 0.0F, top));
+        const unsigned level = std::clamp(std::round(value), 0.0F, top);
         if (bits == 8) {
           row[x] = static_cast<unsigned char>(level);
         } else {
@@ -150,8 +150,7 @@ void write_colour_png(const std::string& path, int width, int height, std::span<
     png_set_IHDR(writer.png, writer.info, width, height, 8, PNG_COLOR_TYPE_RGB, PNG_INTERLACE_NONE,
                  PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
     png_write_info(writer.png, writer.info);
-    for (int y = 0; y < height; ++y)
-      png_write_row(writer.png, pixels.data() + 3 * static_cast<std::size_t>(y) * width);
+    for (int y = 0; y < height; ++y) png_write_row(writer.png, pixels.data() + std::size_t{3} * y * width);
     png_write_end(writer.png, writer.info);
   }
   write_text_atomically(path, bytes);

@@ -68,7 +68,7 @@ std::vector<double> Assimilation::predict(std::span<const double> p, std::size_t
 
 Posterior Assimilation::assimilate(const Datum& datum) {
   implementation_->require_step(datum.step);
-  const auto sensors = static_cast<std::size_t>(implementation_->engine.model().observations());
+  const std::size_t sensors = implementation_->engine.model().observations();
   if (datum.values.size() != sensors)
     throw UsageError(fmt::format("datum of step {}: {} for {}; NaN stands for one that is missing",
                                  datum.step, counted(datum.values.size(), "value"),

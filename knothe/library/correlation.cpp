@@ -139,7 +139,7 @@ Displacements Correlation::correlate(const GreyPicture& deformed) {
   }
   const std::vector<char> measured = imaging::measured_nodes(correlation.mesh(), last.element_valid);
   for (std::size_t a = 0; a < measured.size(); ++a) {
-    const auto dof = static_cast<Eigen::Index>(2 * a);
+    const Eigen::Index dof = 2 * a;
     const double nothing = std::numeric_limits<double>::quiet_NaN();
     result.u.push_back(measured[a] ? last.displacement[dof] : nothing);
     result.v.push_back(measured[a] ? last.displacement[dof + 1] : nothing);

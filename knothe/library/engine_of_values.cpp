@@ -18,13 +18,12 @@ Eigen::SparseMatrix<double> matrix_of(const Noise::Precision& precision) {
   std::vector<Eigen::Triplet<double>> entries;
   for (std::size_t row = 0; row + 1 < precision.row_begin.size(); ++row)
     for (std::int64_t i = precision.row_begin[row]; i < precision.row_begin[row + 1]; ++i) {
-      const auto at = static_cast<std::size_t>(i);
+      const std::size_t at = i;
       if (at >= precision.values.size() || at >= precision.columns.size() || precision.columns[at] < 0 ||
           precision.columns[at] >= n)
         throw UsageError(fmt::format(
             "noise: the precision's entry {} of row {} is outside the {} x {} matrix", i, row, n, n));
-      entries.emplace_back(static_cast<int>(row), static_cast<int>(precision.columns[at]),
-                           precision.values[at]);
+      entries.emplace_back(row, precision.columns[at], precision.values[at]);
     }
   Eigen::SparseMatrix<double> matrix(n, n);
   matrix.setFromTriplets(entries.begin(), entries.end());

@@ -106,11 +106,11 @@ std::vector<double> TransportMap::sample(std::size_t count, std::uint64_t seed) 
 std::vector<double> TransportMap::conditional_sample(std::span<const double> given, std::size_t count,
                                                      std::uint64_t seed) const {
   const auto reference = [&](const auto& map) {
-    return plain(map.conditional_reference(vector_of(given), static_cast<Eigen::Index>(count), seed));
+    return plain(map.conditional_reference(vector_of(given), count, seed));
   };
   std::vector<double> draws = evaluate(std::visit(reference, implementation_->map));
   for (std::size_t i = 0; i < count; ++i)  // to the bit
-    std::copy(given.begin(), given.end(), draws.begin() + static_cast<std::ptrdiff_t>(i * dimension()));
+    std::copy(given.begin(), given.end(), draws.begin() + i * dimension());
   return draws;
 }
 
@@ -199,8 +199,7 @@ double slope_error(const Density& density, std::vector<double>& point, std::size
 void check_gradient(const Density& density) {
   constexpr int k_points = 5, k_wrong = 3;
   constexpr double k_share = 0.2, k_of_steepest = 0.1;
-  const Eigen::MatrixXd points =
-      numerics::monte_carlo_normal_points(k_points, static_cast<unsigned>(density.dimension), 1);
+  const Eigen::MatrixXd points = numerics::monte_carlo_normal_points(k_points, density.dimension, 1);
   std::vector<double> point(density.dimension), slope(density.dimension);
   std::vector<int> wrong(density.dimension, 0);
   for (Eigen::Index i = 0; i < k_points; ++i) {

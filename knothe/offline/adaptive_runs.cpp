@@ -226,7 +226,7 @@ void require_small(const Snapshots& frame, const Snapshots& first) {
   constexpr double k_max_numbers = 1.5e8;  // numbers
   const std::size_t values =
       std::max(k_functions, std::min(first.values.size(), k_directions * frame.time.size()));
-  if (static_cast<double>(frame.grid_size()) * values <= k_max_numbers) return;
+  if (1.0 * frame.grid_size() * values <= k_max_numbers) return;
   throw NumericalError(fmt::format(
       "[offline.adaptive]: all runs are made, but the splines of the model need a grid of {} points, which "
       "does not fit in memory: ask for a larger grid_shift, a smaller box or fewer parameters (finished runs "

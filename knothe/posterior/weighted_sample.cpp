@@ -31,7 +31,7 @@ constexpr double k_mean_tolerance = 0.1, k_deviation_tolerance = 0.05;
 void WeightedSample::state_evidence(double log_evidence_of_weights) {
   effective_size = 1 / weights.squaredNorm();
   log_evidence = log_evidence_of_weights;
-  log_evidence_error = std::sqrt(std::max(0.0, 1 / effective_size - 1 / static_cast<double>(weights.size())));
+  log_evidence_error = std::sqrt(std::max(0.0, 1 / effective_size - 1.0 / weights.size()));
   has_evidence = true;
 }
 
@@ -105,7 +105,7 @@ void sort_along_curve(Eigen::MatrixXd& points, Eigen::VectorXd& weights) {
   const Eigen::RowVectorXd mean = weights.transpose() * points;
   const Eigen::RowVectorXd spread =
       (weights.transpose() * (points.rowwise() - mean).cwiseAbs2()).cwiseSqrt().cwiseMax(1e-300);
-  std::vector<std::pair<std::uint64_t, Eigen::Index>> keys(static_cast<std::size_t>(n));
+  std::vector<std::pair<std::uint64_t, Eigen::Index>> keys(n);
   for (Eigen::Index i = 0; i < n; ++i) {
     std::uint64_t key = 0;
     for (Eigen::Index k = 0; k < d; ++k) {

@@ -69,7 +69,7 @@ void compare_magnitudes(const UpdateSetup& setup, const PriorAnswers& answers, F
   for (int c = 0; c < 3; ++c) {
     std::vector<Index> rows;
     for (std::size_t i = 0; i < sensors.displacement_count(); ++i)
-      if (sensors.components[i] == c) rows.push_back(static_cast<Index>(i));
+      if (sensors.components[i] == c) rows.push_back(i);
     compare(fmt::format("the displacements along {} (m)", "xyz"[c]), rows);
   }
   for (std::size_t k = 0; k < sensors.scalars.size(); ++k)

@@ -12,7 +12,7 @@ using Quantity = assimilation::ForecastSpecification::Quantity;
 /// The row of the data that measures the quantity.
 std::optional<Eigen::Index> row_of(const assimilation::ForecastSpecification& f, const UpdateSetup& setup) {
   const model::Sensors& sensors = setup.measurements.sensors;
-  const auto displacements = static_cast<Eigen::Index>(sensors.displacement_count());
+  const Eigen::Index displacements = sensors.displacement_count();
   if (f.quantity == Quantity::output) {
     const auto found = std::find(sensors.scalars.begin(), sensors.scalars.end(), f.output);
     if (found == sensors.scalars.end()) return std::nullopt;

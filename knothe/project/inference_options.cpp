@@ -62,7 +62,7 @@ void check_covariance(Values& values, const std::vector<std::vector<double>>& ro
         path, fmt::format("\"{}\" is {} × {}, but there are {} values", path, rows.size(), rows.size(), n));
     return;
   }
-  const auto m = static_cast<Eigen::Index>(n);
+  const Eigen::Index m = n;
   Eigen::MatrixXd c(m, m);
   for (Eigen::Index i = 0; i < m; ++i)
     for (Eigen::Index j = 0; j < m; ++j) c(i, j) = rows[i][j];

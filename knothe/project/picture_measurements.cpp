@@ -75,7 +75,7 @@ imaging::ImageMesh surface_mesh(const model::Mesh& mesh, const imaging::PictureF
     for (const auto& vertices : k_faces) {
       std::array<int, 4> nodes{};
       const bool in_plane = std::all_of(vertices.begin(), vertices.end(), [&](std::size_t v) {
-        const auto point = static_cast<std::size_t>(mesh.cells[8 * c + v]);
+        const std::size_t point = mesh.cells[8 * c + v];
         return std::abs(mesh.points[3 * point + axis] - frame.plane) < k_in_plane;
       });
       if (!in_plane) continue;
@@ -171,8 +171,8 @@ PictureMeasurements::PictureMeasurements(const Project& given, const model::Sepa
                                    std::numeric_limits<double>::quiet_NaN());
   const likelihood::NoiseModel whole =
       noise_of(series_->precision(series_->correlation().usable_elements(), gamma_).matrix);
-  measurements_.noise = whole.with_shared_reference(static_cast<int>(series_->reference_count()))
-                            .with_scale_error(frame_.relative_scale_std);
+  measurements_.noise =
+      whole.with_shared_reference(series_->reference_count()).with_scale_error(frame_.relative_scale_std);
   correlate_ahead();
 }
 

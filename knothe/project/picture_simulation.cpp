@@ -91,7 +91,7 @@ void simulate_pictures(const Project& project, const model::Mesh& mesh, const mo
   files::CsvWriter table(header);
   Progress progress("pictures", time.size());
   for (std::size_t step = 0; step < time.size(); ++step) {
-    if ((step + 1) % static_cast<std::size_t>(camera.every) != 0) continue;
+    if ((step + 1) % camera.every != 0) continue;
     surface.set(displacement.at(step, field));
     const std::string name = fmt::format("picture_{:04}.tif", step + 1);
     draw(name, number++, true);

@@ -62,7 +62,7 @@ std::optional<RecordedData::Item> RecordedData::next(const Eigen::VectorXd& mean
   item.datum.key.seq = step;
   item.datum.step = step;
   item.datum.time_index = time[step];
-  const auto column = static_cast<Eigen::Index>(step);
+  const Eigen::Index column = step;
   if (setup_.pictures) {
     const Eigen::Index displacements = setup_.pictures->measurements().values.rows();
     if (mean.size() != 0 && step + 1 < size()) {

@@ -65,7 +65,8 @@ class Reader {
 
   void read_table(const toml::table& table, const std::string& path) {
     const auto& begin = table.source().begin;
-    out_.tables[path] = {static_cast<int>(begin.line), static_cast<int>(begin.column)};
+    const int line = begin.line, column = begin.column;
+    out_.tables[path] = {line, column};
     // toml++ sorts keys by name; the order of a project file is a promise, so it is taken from the positions.
     std::vector<std::pair<const toml::key*, const toml::node*>> items;
     for (const auto& [key, node] : table) items.emplace_back(&key, &node);
@@ -93,7 +94,8 @@ class Reader {
 
  private:
   void complain(const toml::source_position& where, const std::string& text) {
-    out_.complaints.push_back({static_cast<int>(where.line), static_cast<int>(where.column), text});
+    const int line = where.line, column = where.column;
+    out_.complaints.push_back({line, column, text});
   }
 
   void check_required(const std::string& path, const toml::source_position& begin) {
@@ -257,7 +259,8 @@ class Reader {
 
   template <class T>
   void store(const std::string& path, T content, const toml::source_position& where) {
-    out_.leaves[path] = {std::move(content), static_cast<int>(where.line), static_cast<int>(where.column)};
+    const int line = where.line, column = where.column;
+    out_.leaves[path] = {std::move(content), line, column};
   }
 
   Values& out_;
@@ -280,7 +283,7 @@ bool Values::passes(const Option& option, const std::string& path) {
   const auto* number = std::get_if<double>(&content);
   if (!whole && !number) return true;
   for (const Option::Check& check : option.checks) {
-    if (check.holds(whole ? static_cast<double>(*whole) : *number)) continue;
+    if (check.holds(whole ? *whole : *number)) continue;
     complain(path, fmt::format(fmt::runtime(check.complaint), path));
     return false;
   }
@@ -313,9 +316,8 @@ Values parse_values(const std::string& text, const std::string& folder) {
     const toml::table table = toml::parse(text);
     Reader(values).read_table(table, "");
   } catch (const toml::parse_error& error) {
-    const auto& where = error.source().begin;
-    values.complaints.push_back({static_cast<int>(where.line), static_cast<int>(where.column),
-                                 fmt::format("not valid TOML: {}", error.description())});
+    const int line = error.source().begin.line, column = error.source().begin.column;
+    values.complaints.push_back({line, column, fmt::format("not valid TOML: {}", error.description())});
   }
   return values;
 }

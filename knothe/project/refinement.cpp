@@ -248,7 +248,7 @@ bool doubts_model(const assimilation::Verdict& verdict) {
 
 bool Refinement::refine_if_needed(std::unique_ptr<assimilation::Engine>& engine,
                                   assimilation::StepResult& result, bool is_last) {
-  const auto all = static_cast<std::size_t>(project_.method.verify_runs);
+  const std::size_t all = project_.method.verify_runs;
   const bool doubted = doubts_model(result.update.verdict);
   const std::size_t version = version_;
   try {

@@ -56,7 +56,7 @@ std::vector<std::size_t> model_candidates(const Project& project, const model::D
   const auto inside = [&](const std::optional<std::array<double, 2>>& range, double value) {
     return !range || (value >= (*range)[0] - k_slack && value <= (*range)[1] + k_slack);
   };
-  const auto face = static_cast<std::size_t>(s.face);
+  const std::size_t face = s.face;
   double outermost = -INFINITY;
   for (std::size_t i = 0; i < n; ++i) outermost = std::max(outermost, dofs.points[3 * i + face]);
   for (std::size_t i = 0; i < n; ++i) {

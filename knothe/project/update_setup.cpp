@@ -256,7 +256,7 @@ likelihood::PlausibleRange serve_limits(const Project& project, const UpdateSetu
   std::vector<std::string> names = {"displacement"};
   names.insert(names.end(), sensors.scalars.begin(), sensors.scalars.end());
   for (const auto& [name, limit] : project.serve.limits) {
-    const auto place = static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin());
+    const std::size_t place = std::find(names.begin(), names.end(), name) - names.begin();
     if (place == names.size())
       throw project.error_at("serve.limits." + name,
                              fmt::format("\"{}\" in [serve.limits] is not measured{}; there are: {}", name,

@@ -100,7 +100,7 @@ void AssimilationOutput::print_text(const assimilation::StepResult& result, doub
   const assimilation::UpdateResult& r = result.update;
   std::string text = fmt::format("step {:3}", r.step);
   for (std::size_t k = 0; k < axes_.size(); ++k) {
-    const auto i = static_cast<Eigen::Index>(k);
+    const Eigen::Index i = k;
     text += fmt::format(
         "  {} {}", axes_[k].name,
         value_text(r.mean[i], std::sqrt(r.covariance(i, i)), axes_[k].reference == 1 ? axes_[k].units : "1"));

@@ -99,16 +99,14 @@ void write_samples(const std::string& path, const project::Project& project,
     for (std::size_t k = 0; k < d; ++k) {
       const auto column = r.draws.col(k);
       add_draws_of(setup.axes[k], {"chain", "draw"},
-                   std::span(column.data(), static_cast<std::size_t>(r.draws.rows() / r.chains * r.chains)),
-                   out);
+                   std::span(column.data(), r.draws.rows() / r.chains * r.chains), out);
     }
     out.add_dimension("weighted_posterior", "point", r.points.rows());
     out.add_dimension("weighted_posterior", "parameter", setup.parameters, {"1", "parameter"});
     out.add_variable("weighted_posterior", "points", Names{"point", "parameter"}, c_order(r.points),
                      {"1", "points"});
     out.add_variable("weighted_posterior", "weights", Names{"point"},
-                     std::span(r.weights.data(), static_cast<std::size_t>(r.weights.size())),
-                     {"1", "weights, sum 1"});
+                     std::span(r.weights.data(), r.weights.size()), {"1", "weights, sum 1"});
     out.add_attribute("weighted_posterior", "parameters",
                       fmt::format("{}", fmt::join(setup.parameters, ",")));
     out.add_dimension("sample_stats", "run", 1);
@@ -118,8 +116,7 @@ void write_samples(const std::string& path, const project::Project& project,
     statistic("ess", r.effective_sample_size, "effective sample size as a fraction of the weighted points");
     statistic("trusted", r.trusted ? 1 : 0, "1 if trusted");
     statistic("log_evidence", r.log_evidence, "natural logarithm");
-    statistic("distinct_draws", static_cast<double>(r.distinct_draws),
-              "how many of the draws differ from all others before them");
+    statistic("distinct_draws", r.distinct_draws, "how many of the draws differ from all others before them");
     statistic("map_order", r.map_order, "order of the map, 0 without one");
     statistic("variance_diagnostic", r.variance_diagnostic, "verified, 0 without a map");
     out.add_attribute("", "created_by", k_created_by);

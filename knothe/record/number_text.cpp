@@ -81,14 +81,13 @@ Ticks nice_ticks(double low, double high, int wanted) {
   }
   // Of the steps 1, 2, 5 times a power of ten, the one whose number of ticks is nearest to what is wanted.
   const double rough = (high - low) / std::max(wanted, 1);
-  const int power = static_cast<int>(std::floor(std::log10(rough)));
+  const int power = std::floor(std::log10(rough));
   double step = 0.0;
   int step_power = power, best = 1 << 20;
   for (int p = power - 1; p <= power + 1; ++p)
     for (double digit : {1.0, 2.0, 5.0}) {
       const double candidate = digit * std::pow(10.0, p);
-      const int count =
-          static_cast<int>(std::floor(high / candidate + 1e-9) - std::ceil(low / candidate - 1e-9)) + 1;
+      const int count = std::floor(high / candidate + 1e-9) - std::ceil(low / candidate - 1e-9) + 1;
       const int distance = std::abs(count - wanted);
       if (count >= 2 && distance < best) best = distance, step = candidate, step_power = p;
     }
@@ -107,8 +106,8 @@ Ticks nice_ticks(double low, double high, int wanted) {
 
 Ticks decade_ticks(double low, double high, int wanted) {
   if (!(low > 0.0)) throw NumericalError("figure: a logarithmic axis needs positive numbers");
-  const int first = static_cast<int>(std::ceil(std::log10(low) - 1e-9));
-  const int last = static_cast<int>(std::floor(std::log10(high) + 1e-9));
+  const int first = std::ceil(std::log10(low) - 1e-9);
+  const int last = std::floor(std::log10(high) + 1e-9);
   if (last - first < 1) return nice_ticks(low, high, wanted);
   Ticks ticks;
   const int stride = std::max(1, (last - first + wanted - 1) / std::max(wanted, 1));

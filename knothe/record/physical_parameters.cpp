@@ -39,7 +39,7 @@ nlohmann::ordered_json physical_record(std::span<const model::Axis> axes, const 
                                        const Eigen::MatrixXd& covariance) {
   auto record = nlohmann::ordered_json::object();
   for (std::size_t k = 0; k < axes.size(); ++k) {
-    const auto i = static_cast<Eigen::Index>(k);
+    const Eigen::Index i = k;
     auto& entry = record[axes[k].name];
     entry = {{"mean", axes[k].reference * mean[i]},
              {"std", std::abs(axes[k].reference) * std::sqrt(covariance(i, i))}};

@@ -73,7 +73,7 @@ class Writer {
         n_steps_(file.steps.size()),
         n_observations_(file.measurements.sensors.displacement_count()) {
     for (const KeptStep& step : file.steps) {
-      steps_.push_back(static_cast<std::int64_t>(step.result.step));
+      steps_.push_back(step.result.step);
       times_.push_back(step.result.time);
     }
   }
@@ -95,17 +95,15 @@ class Writer {
     for (std::size_t s = 0; s < n_steps_; ++s) {
       const StepDraws here = draw_step(file_.steps[s], *observed, file_.priors, n_rows, k_draws, stride);
       for (std::size_t j = 0; j < k_draws; ++j) {
-        const auto row = static_cast<Eigen::Index>(j);
-        for (std::size_t k = 0; k < d; ++k)
-          draws[k][j * n_steps_ + s] = here.parameters(row, static_cast<Eigen::Index>(k));
+        const Eigen::Index row = j;
+        for (std::size_t k = 0; k < d; ++k) draws[k][j * n_steps_ + s] = here.parameters(row, k);
         likelihood[j * n_steps_ + s] = here.log_likelihood[row];
       }
       for (std::size_t j = 0; j < n_predicted; ++j) {
         const auto column = here.predicted.col(j);
-        std::copy_n(column.data(), n_observations_,
-                    predicted.begin() + static_cast<std::ptrdiff_t>((j * n_steps_ + s) * n_observations_));
+        std::copy_n(column.data(), n_observations_, predicted.begin() + (j * n_steps_ + s) * n_observations_);
         for (std::size_t k = 0; k < scalars.size(); ++k)
-          series[k][j * n_steps_ + s] = column[static_cast<Eigen::Index>(n_observations_ + k)];
+          series[k][j * n_steps_ + s] = column[n_observations_ + k];
       }
     }
     write_posterior(draws);
@@ -226,7 +224,7 @@ class Writer {
       append(points, step.points);
       append(points, step.points.row(0).replicate(n - there, 1));
       append(weights, step.weights);
-      weights.resize(weights.size() + static_cast<std::size_t>(n - there), 0.0);
+      weights.resize(weights.size() + (n - there), 0.0);
     }
     write_points(group, {"step", "point"}, points, weights);
     // All that the last step has: forecasts are made from these.
@@ -402,13 +400,13 @@ assimilation::UpdateResult read_last_posterior(const std::string& path,
   if (apart) {
     points = file.read(group + "points");
     weights = file.read(group + "weights", files::Shape{shape[0]});
-    stored.step = static_cast<std::size_t>(file.number_attribute(group + "weights", "step"));
+    stored.step = file.number_attribute(group + "weights", "step");
     stored.time = file.number_attribute(group + "weights", "time");
   } else {
     const std::size_t last = shape[0] - 1;
     points = file.read_slab(group + "points", {last, 0, 0}, {1, shape[1], shape[2]});
     weights = file.read_slab(group + "weights", {last, 0}, {1, shape[1]});
-    stored.step = static_cast<std::size_t>(file.read(group + "step")[last]);
+    stored.step = file.read(group + "step")[last];
     stored.time = file.read("/sample_stats/time")[last];
   }
   using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;

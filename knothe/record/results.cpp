@@ -119,7 +119,7 @@ Eigen::MatrixXd matrix_of(const Located& line, const char* key, std::size_t rows
   for (std::size_t i = 0; i < rows; ++i) {
     const std::vector<double> row = line.numbers(list[i], key);
     if (row.size() != columns) line.fail(problem);
-    for (std::size_t j = 0; j < columns; ++j) matrix(i, static_cast<Eigen::Index>(j)) = row[j];
+    for (std::size_t j = 0; j < columns; ++j) matrix(i, j) = row[j];
   }
   return matrix;
 }
@@ -130,7 +130,7 @@ Eigen::VectorXd vector_of(const std::vector<double>& numbers) {
 
 void read_moments(const Located& line, Step& s) {
   s.mean = vector_of(line.numbers("mean"));
-  const auto d = static_cast<std::size_t>(s.mean.size());
+  const std::size_t d = s.mean.size();
   if (d == 0) line.fail("\"mean\" is empty");
   s.covariance = matrix_of(line, "covariance", d, d, fmt::format("\"covariance\" must be {0} × {0}", d));
   s.maximum_a_posteriori = vector_of(line.numbers("maximum_a_posteriori", d));
@@ -189,7 +189,7 @@ Step step_of(const Located& line) {
   s.step = line.count("step");
   s.time = line.number("time");
   read_moments(line, s);
-  s.map_order = static_cast<int>(line.number("map_order"));
+  s.map_order = line.number("map_order");
   s.variance_diagnostic = line.number("variance_diagnostic");
   s.effective_sample_size = line.number("ess");
   if (!line.at("trusted").is_boolean()) line.fail("\"trusted\" must be true or false");
@@ -355,7 +355,7 @@ void read_summary(const std::string& path, Results& results) {
 
 std::vector<double> Results::step_numbers() const {
   std::vector<double> numbers;
-  for (const auto& s : steps) numbers.push_back(static_cast<double>(s.step));
+  for (const auto& s : steps) numbers.push_back(s.step);
   return numbers;
 }
 

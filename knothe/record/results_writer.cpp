@@ -151,9 +151,9 @@ Json ResultsWriter::last_draws() const {
 /// Of each scalar series: its datum, and what is expected of it.
 void ResultsWriter::add_series(Json& record, const KeptStep& step, const Eigen::VectorXd& expected) const {
   const model::Sensors& sensors = measurements_.sensors;
-  const auto n = static_cast<Eigen::Index>(sensors.displacement_count());
+  const Eigen::Index n = sensors.displacement_count();
   for (std::size_t k = 0; k < sensors.scalars.size(); ++k) {
-    const Eigen::Index row = n + static_cast<Eigen::Index>(k);
+    const Eigen::Index row = n + k;
     if (row >= step.datum.values.size() || row >= expected.size()) return;
     if (std::isnan(step.datum.values[row])) continue;
     const likelihood::MeasuredSeries& measured = measurements_.series.at(sensors.scalars[k]);
@@ -190,7 +190,7 @@ Json ResultsWriter::residuals() const {
     const Eigen::ArrayXd residual = measurements_.values.col(i) - expected.head(n);
     const auto present = !residual.isNaN();
     const Eigen::ArrayXd there = present.select(residual, 0.0);
-    const double number = std::max<double>(1, static_cast<double>(present.count()));
+    const double number = std::max<double>(1, present.count());
     const likelihood::GaussianNoise& own = *steps_[i].datum.noise;  // where correlated, too slow step by step
     const Eigen::VectorXd noise_std = own.is_independent() ? own.standard_deviations() : all_noise;
     const Eigen::ArrayXd noise = noise_std.head(n);
@@ -302,8 +302,8 @@ void ResultsWriter::write_fields(const std::string& folder) const {
     const Eigen::MatrixXd small = core * moments.covariance * core.transpose();
     const Eigen::VectorXd std = (space * small).cwiseProduct(space).rowwise().sum().cwiseMax(0).cwiseSqrt();
     const std::string name = fmt::format("step_{:04}.vtu", kept.result.step);
-    mesh.write({mesh.vectors("displacement_mean", {mean.data(), static_cast<std::size_t>(mean.size())}),
-                mesh.vectors("displacement_std", {std.data(), static_cast<std::size_t>(std.size())})},
+    mesh.write({mesh.vectors("displacement_mean", std::span(mean.data(), mean.size())),
+                mesh.vectors("displacement_std", std::span(std.data(), std.size()))},
                (std::filesystem::path(folder) / name).string(), kept.result.time);
     series.push_back({kept.result.time, name});
   }

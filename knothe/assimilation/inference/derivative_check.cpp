@@ -152,7 +152,7 @@ class Check {
 
  private:
   [[nodiscard]] static std::string name(const std::vector<std::string>& names, Eigen::Index k) {
-    const auto i = static_cast<std::size_t>(k);
+    const std::size_t i = k;
     return i < names.size() ? names[i] : fmt::format("p[{}]", k);
   }
   /// One weight per output, of both signs, under which all outputs are of the same steepness.

@@ -35,7 +35,7 @@ void require_finite_integral(PosteriorDensity& posterior, const std::vector<std:
     target.evaluate(points, 0, batch);
     std::vector<Ray> left;
     for (std::size_t i = 0; i < rays.size(); ++i) {
-      const double mass = batch.value[static_cast<Eigen::Index>(i)] + d * std::log(r);
+      const double mass = batch.value[i] + d * std::log(r);
       if (!std::isfinite(mass) || (decade > 1 && mass < rays[i].mass - k_falls)) continue;
       left.push_back({rays[i].direction, mass});
     }
@@ -50,7 +50,7 @@ void require_finite_integral(PosteriorDensity& posterior, const std::vector<std:
   std::string way;
   for (Eigen::Index k = 0; k < d; ++k) {
     if (std::abs(rays[0].direction[k]) < 0.1 * most) continue;
-    const auto i = static_cast<std::size_t>(k);
+    const std::size_t i = k;
     way += fmt::format("{}{} {}", way.empty() ? "" : ", ", ends(1, k) > ends(0, k) ? "growing" : "falling",
                        i < names.size() ? names[i] : fmt::format("p[{}]", k));
   }

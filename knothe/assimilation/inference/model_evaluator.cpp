@@ -20,8 +20,7 @@ std::string key_of(CallKind kind, const Eigen::Ref<const Eigen::VectorXd>& point
                    const Eigen::Ref<const Eigen::VectorXd>& sensitivity) {
   std::string key(1, static_cast<char>(kind));
   for (const auto* part : {&point, &sensitivity})
-    key.append(reinterpret_cast<const char*>(part->data()),
-               static_cast<std::size_t>(part->size()) * sizeof(double));
+    key.append(reinterpret_cast<const char*>(part->data()), part->size() * sizeof(double));
   return key;
 }
 
@@ -78,9 +77,9 @@ bool ModelEvaluator::fits(const ModelCall& call) const {
 
 void ModelEvaluator::remember(const ModelCall& call) {
   assert(fits(call));
-  if (stored_ + static_cast<std::size_t>(call.answer.size()) > k_max_stored) return;
+  if (stored_ + call.answer.size() > k_max_stored) return;
   if (known_.emplace(key_of(call.kind, call.point, call.sensitivity), call.answer).second)
-    stored_ += static_cast<std::size_t>(call.answer.size());
+    stored_ += call.answer.size();
 }
 
 /// The model itself, timed; every answer is passed on as it comes.

@@ -66,7 +66,7 @@ PredictiveCheck predictive_check(const likelihood::StepForm& form, const likelih
   if (degrees < 1) return check;
   const double outside = std::max(0.0, misfit - observed.squaredNorm());
   const Eigen::ArrayXd lambda = (square - expected.array().square().colwise().sum().transpose()).max(0.0);
-  const auto count = static_cast<std::size_t>(n);
+  const std::size_t count = n;
   check.upper_probability =
       numerics::mean_noncentral_upper(outside, degrees, {lambda.data(), count}, {weight.data(), count});
   return check;

@@ -31,7 +31,7 @@ ModelSupervision::ModelSupervision(std::shared_ptr<const model::ObservedModel> m
       prior_(likelihood::prior_functions(*model_->functions, *transform_)) {
   initial_.corrected = mode_ == likelihood::BiasCorrectionMode::on;
   // Any of the sums may ring the alarm: each does it so much more seldom.
-  const auto count = static_cast<std::size_t>(1 + 2 * transform_->dimension());
+  const std::size_t count = 1 + 2 * transform_->dimension();
   initial_.sums.assign(
       count,
       Cusum(options_.reference, cusum_threshold(options_.reference, options_.average_run_length * count)));
@@ -44,8 +44,8 @@ ModelSupervision::ModelSupervision(std::shared_ptr<const model::ObservedModel> m
     const Eigen::Index q = std::min(prior_.factor.cols(), k_discrepancy_functions);
     for (const double size : sizes_)
       initial_.joint.emplace_back(prior_.factor.leftCols(q), size, options.bias.memory);
-    const auto kinds = static_cast<Eigen::Index>(sizes_.size() + 1);
-    initial_.shares = Eigen::VectorXd::Constant(kinds, 1 / static_cast<double>(kinds));
+    const Eigen::Index kinds = sizes_.size() + 1;
+    initial_.shares = Eigen::VectorXd::Constant(kinds, 1.0 / kinds);
   }
   restart();
 }
@@ -130,7 +130,7 @@ void ModelSupervision::set_shares(Eigen::VectorXd shares) {
   state_.shares = std::move(shares);
   state_.report.discrepancy = 0;
   for (std::size_t k = 0; k < sizes_.size(); ++k)
-    state_.report.discrepancy += sizes_[k] * state_.shares[static_cast<Eigen::Index>(k) + 1];
+    state_.report.discrepancy += sizes_[k] * state_.shares[k + 1];
 }
 
 Eigen::VectorXd ModelSupervision::expected_discrepancy(const Eigen::VectorXd& central) const {
@@ -138,7 +138,7 @@ Eigen::VectorXd ModelSupervision::expected_discrepancy(const Eigen::VectorXd& ce
   const Eigen::VectorXd v = current_.mean - central;
   Eigen::VectorXd expected = Eigen::VectorXd::Zero(v.size());
   for (std::size_t k = 0; k < state_.joint.size(); ++k)
-    expected += state_.shares[static_cast<Eigen::Index>(k) + 1] * state_.joint[k].expected(v);
+    expected += state_.shares[k + 1] * state_.joint[k].expected(v);
   return expected;
 }
 
@@ -199,7 +199,7 @@ void ModelSupervision::learn(const likelihood::StoredStep& stored, Eigen::Vector
   if (shares.size() > 0) set_shares(std::move(shares));
   set_posterior(result);
   state_.increments.push_back(result.log_evidence_increment);
-  if (static_cast<int>(state_.increments.size()) > options_.smoothing) state_.increments.pop_front();
+  if (std::ssize(state_.increments) > options_.smoothing) state_.increments.pop_front();
   state_.report.smoothed_increment =
       std::accumulate(state_.increments.begin(), state_.increments.end(), 0.0) / state_.increments.size();
   if (state_.bias && stored.values() != nullptr) learn_residual(stored);

@@ -94,8 +94,7 @@ class SensorDesign::Progress {
       const Eigen::Index q = design_.width_[point];
       for (Eigen::Index a = 0; a < d_; ++a) {
         for (Eigen::Index b = 0; b <= a; ++b) {
-          auto entry = products_.col(static_cast<Eigen::Index>(point) * pairs_ + a * (a + 1) / 2 + b)
-                           .segment(first, count);
+          auto entry = products_.col(point * pairs_ + a * (a + 1) / 2 + b).segment(first, count);
           entry = (rows.block(first, column + a * q, count, q).array() *
                    rows.block(first, column + b * q, count, q).array())
                       .rowwise()
@@ -108,8 +107,7 @@ class SensorDesign::Progress {
   }
 
   void add_log_det(std::size_t point, Eigen::Index first, Eigen::ArrayXd& sum) const {
-    const auto packed =
-        products_.middleCols(static_cast<Eigen::Index>(point) * pairs_, pairs_).middleRows(first, sum.size());
+    const auto packed = products_.middleCols(point * pairs_, pairs_).middleRows(first, sum.size());
     const Eigen::MatrixXd& f = information_[point];
     if (d_ == 1) {
       sum += (1 + packed.col(0) / f(0, 0)).log();
@@ -217,7 +215,7 @@ void SensorDesign::add_point(const model::ObservedModel& model, const likelihood
 Selection SensorDesign::choose(std::size_t count, double min_distance) const {
   Selection selection;
   Progress progress(*this);
-  std::vector<bool> free(static_cast<std::size_t>(rows_.rows()), true);
+  std::vector<bool> free(rows_.rows(), true);
   while (selection.dofs.size() < count) {
     const Eigen::VectorXd gain = progress.gains();
     Eigen::Index best = -1;

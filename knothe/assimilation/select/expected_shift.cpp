@@ -65,7 +65,7 @@ VectorXd ExpectedShift::of_each() const {
   for (const Truth& truth : truths_)
     sum += linear_posterior_shift(truth.information, variance_, truth.pull * truth.basis.asDiagonal())
                .cwiseAbs2();
-  return (sum / static_cast<double>(truths_.size())).cwiseSqrt();
+  return (sum / truths_.size()).cwiseSqrt();
 }
 
 double ExpectedShift::of_all(const std::vector<bool>& chosen) const {

@@ -121,7 +121,7 @@ constexpr double k_contradiction = 5;
 }  // namespace
 
 std::size_t min_runs(const RunSelectionOptions& options, std::size_t parameters) {
-  return static_cast<std::size_t>(options.held_out) + 2 * parameters + 1;
+  return options.held_out + 2 * parameters + 1;
 }
 
 SelectedRuns select_runs(const std::vector<posterior::Prior>& priors, const VectorXd& lower,
@@ -154,7 +154,7 @@ SelectedRuns select_runs(const std::vector<posterior::Prior>& priors, const Vect
     selected.reached = selected.history.size() > 2 && step.shift() <= options.shift;
     if (told) told(selected);
     if (selected.reached || step.runs >= options.runs) return selected;
-    growth.expand({indicator.data(), static_cast<std::size_t>(indicator.size())},
+    growth.expand(std::span(indicator.data(), indicator.size()),
                   step.held_out > k_contradiction * step.expected, options.runs - step.runs);
     if (growth.indices().size() == selected.points.size()) return selected;
   }

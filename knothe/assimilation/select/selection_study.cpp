@@ -36,7 +36,7 @@ SelectionCurve curve_of(const std::string& name, const Selection& selection,
 }
 
 Indices random_order(Eigen::Index n, std::size_t count, std::uint64_t seed) {
-  Indices order(static_cast<std::size_t>(n));
+  Indices order(n);
   std::iota(order.begin(), order.end(), Eigen::Index{0});
   std::mt19937_64 random(seed);
   for (std::size_t i = 0; i < count; ++i) std::swap(order[i], order[i + random() % (order.size() - i)]);
@@ -122,7 +122,7 @@ SelectionStudy study_selection(const model::ObservedModel& model, const model::O
                                const likelihood::NoiseModel& noise, const SelectionProblem& problem) {
   using Clock = std::chrono::steady_clock;
   const Eigen::Index d = problem.at.size(), n = model.observations();
-  const std::size_t count = std::min(problem.count, static_cast<std::size_t>(n));
+  const std::size_t count = std::min<std::size_t>(problem.count, n);
   SelectionStudy study;
   study.prior_std.resize(d);
   for (Eigen::Index k = 0; k < d; ++k) study.prior_std[k] = standard_deviation(problem.priors[k]);

@@ -20,7 +20,7 @@ double log_det(const Eigen::LLT<Eigen::MatrixXd>& factor) {
 Eigen::MatrixXd standardised_points(Eigen::Index n, Eigen::Index d, std::uint64_t seed) {
   Eigen::MatrixXd points = numerics::sobol_normal_points(n, d, seed);
   points.rowwise() -= points.colwise().mean().eval();
-  const Eigen::MatrixXd covariance = points.transpose() * points / static_cast<double>(n);
+  const Eigen::MatrixXd covariance = points.transpose() * points / n;
   const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
   return factor.matrixL().solve(points.transpose()).transpose();
 }
@@ -43,8 +43,8 @@ double GaussianFilter::update(const likelihood::StepForm& form) {
   if (kind_ == posterior::Method::extended_kalman) return update_extended(form);
   const Eigen::Index d = mean_.size();
   if (kind_ == posterior::Method::ensemble_kalman) {
-    return update_by_points(
-        form, members_, Eigen::VectorXd::Constant(members_.rows(), 1 / static_cast<double>(members_.rows())));
+    return update_by_points(form, members_,
+                            Eigen::VectorXd::Constant(members_.rows(), 1.0 / members_.rows()));
   }
   const double kappa = std::max(3.0 - d, 0.0), spread = d + kappa;
   const Eigen::MatrixXd root = Eigen::LLT<Eigen::MatrixXd>(covariance_).matrixL();

@@ -79,7 +79,7 @@ std::vector<PosteriorShift> posterior_shift(std::shared_ptr<const model::Observe
   std::vector<PosteriorShift> shifts;
   for (Index t = 0; t < data.cols(); ++t) {
     check_cancellation("nothing is kept of the posteriors so far");
-    const auto step = static_cast<std::size_t>(t);
+    const std::size_t step = t;
     const UpdateResult& ours = by_model.update(step, step, data.col(t));
     const UpdateResult& theirs = by_reference.update(step, step, data.col(t));
     shifts.push_back(difference(step, ours, theirs));

@@ -63,7 +63,7 @@ void set_map_trust(posterior::Posterior& r, const std::string& why_missed) {
 void set_map_moments(const Eigen::MatrixXd& p, posterior::Posterior& r) {
   r.map_mean = p.colwise().mean();
   const Eigen::MatrixXd centred = p.rowwise() - r.map_mean.transpose();
-  r.map_covariance.noalias() = centred.transpose() * centred / static_cast<double>(p.rows());
+  r.map_covariance.noalias() = centred.transpose() * centred / p.rows();
 }
 
 }  // namespace
@@ -106,7 +106,7 @@ void PosteriorSolver::set(const likelihood::FormSums& sums, const Eigen::VectorX
   std::vector<const likelihood::StepForm*> forms = {&sums.form};
   for (const likelihood::StepForm& sum : sums.levels) forms.push_back(&sum);
   const std::vector<double> weights(forms.size(), -std::log(forms.size()));
-  target_.set_mixture(forms, weights, {shares.data(), static_cast<std::size_t>(shares.size())});
+  target_.set_mixture(forms, weights, std::span(shares.data(), shares.size()));
 }
 
 void PosteriorSolver::solve(const likelihood::StepForm& last, posterior::Posterior& posterior,

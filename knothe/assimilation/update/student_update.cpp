@@ -74,7 +74,7 @@ void carry_quantiles(const Eigen::Ref<const Eigen::VectorXd>& x, const Eigen::Ve
   for (std::size_t j = 0; j < n; ++j) {
     const double level = numerics::k_quantile_levels[j], tail = std::min(level, 1 - level);
     const double sign = level < 0.5 ? 1 : -1;
-    const auto in_tail = (sign * (x.array() - old[static_cast<Eigen::Index>(j)]) <= 0).cast<double>();
+    const auto in_tail = (sign * (x.array() - old[j]) <= 0).cast<double>();
     const double mass = (in_tail * before.array()).sum(), now = (in_tail * after.array()).sum();
     wanted[j] = numerics::normal_quantile(level);
     score[j] =
@@ -84,9 +84,9 @@ void carry_quantiles(const Eigen::Ref<const Eigen::VectorXd>& x, const Eigen::Ve
     std::size_t right = 1;
     while (right + 1 < n && score[right] < wanted[j]) ++right;
     const double width = score[right] - score[right - 1];
-    const auto at = static_cast<Eigen::Index>(right);
+    const Eigen::Index at = right;
     const double share = width > 0 ? (wanted[j] - score[right - 1]) / width : 0.5;
-    quantiles[static_cast<Eigen::Index>(j)] = old[at - 1] + share * (old[at] - old[at - 1]);
+    quantiles[j] = old[at - 1] + share * (old[at] - old[at - 1]);
   }
   quantiles = quantiles.cwiseMax(x.minCoeff()).cwiseMin(x.maxCoeff());
 }

@@ -58,7 +58,7 @@ class WayFromEdge {
     share_.push_back(share);
   }
   static double between(const std::vector<double>& x, const std::vector<double>& y, double at) {
-    const auto right = static_cast<std::size_t>(std::upper_bound(x.begin(), x.end() - 1, at) - x.begin());
+    const std::size_t right = std::upper_bound(x.begin(), x.end() - 1, at) - x.begin();
     if (right == 0) return y[0];
     const double width = x[right] - x[right - 1];
     return width > 0 ? y[right - 1] + (at - x[right - 1]) / width * (y[right] - y[right - 1]) : y[right];
@@ -89,7 +89,7 @@ double pressure(const UpdateResult& update, Index a, double edge) {
 /// A count with commas between thousands.
 std::string with_commas(double count) {
   std::string text = fmt::format("{:.0f}", count);
-  for (auto i = std::ssize(text) - 3; i > 0; i -= 3) text.insert(static_cast<std::size_t>(i), ",");
+  for (auto i = std::ssize(text) - 3; i > 0; i -= 3) text.insert(i, ",");
   return text;
 }
 
@@ -417,7 +417,7 @@ void Assessor::assess_sensors(const AssessedPosterior& posterior, Verdict& verdi
                  0,
                  "the model alone does not explain the data: bias correction was applied at some steps",
                  {}});
-  const auto reported = static_cast<double>(update.used + update.rejected);
+  const double reported = update.used + update.rejected;
   const double share = reported > 0 ? update.rejected / reported : 0;
   if (share > options_.rejected_values)
     verdict.add(

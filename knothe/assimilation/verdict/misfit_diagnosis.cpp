@@ -89,15 +89,15 @@ class Diagnostician {
 
  private:
   [[nodiscard]] bool explains(double misfit) const {
-    const auto n = static_cast<double>(fits_.present());
+    const double n = fits_.present();
     return misfit < n * (1 + 5 * std::sqrt(2 / n));
   }
 
   /// White residuals, but larger or smaller than stated.
   [[nodiscard]] std::optional<Diagnosis> other_noise_level(const Eigen::MatrixXd& scores) const {
     if (!tests_.noise().measurement().is_independent()) return {};
-    const auto present = static_cast<double>((scores.array() != 0).count());
-    if (present < 2 * static_cast<double>(parameters_) + 8) return {};
+    const double present = (scores.array() != 0).count();
+    if (present < 2.0 * parameters_ + 8) return {};
     const double factor = std::sqrt(scores.squaredNorm() / (present - parameters_));
     if (std::abs(std::log(factor)) < 0.05) return {};
     if (tests_.examine_scores(scores / factor, parameters_).fails(limit_)) return {};
@@ -219,9 +219,9 @@ class Diagnostician {
     }
     const auto& names = tests_.group_names();
     if (names.size() < 2) return;
-    for (std::size_t g = 0; g < names.size(); ++g) {
+    for (Index g = 0; g < std::ssize(names); ++g) {
       Eigen::VectorXd rows = Eigen::VectorXd::Zero(n);
-      for (Index i = 0; i < n; ++i) rows[i] = tests_.groups()[i] == static_cast<Index>(g) ? 1 : 0;
+      for (Index i = 0; i < n; ++i) rows[i] = tests_.groups()[i] == g ? 1 : 0;
       const bool is_component = names[g].size() == 1;
       try_factor(rows, is_component ? "displacements along " + names[g] : "values of \"" + names[g] + "\"",
                  is_component ? "the " + names[g] + " axis" : "\"" + names[g] + "\"", is_component);

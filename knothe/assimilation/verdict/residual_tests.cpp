@@ -56,20 +56,19 @@ double misfit_with(const Eigen::MatrixXd& error, const Eigen::VectorXd& values,
 }
 
 std::vector<std::array<Index, 2>> nearest_of_same_component(const model::Sensors& sensors) {
-  const std::size_t n = sensors.displacement_count();
+  const Index n = sensors.displacement_count();
   std::set<std::array<Index, 2>> pairs;
-  if (static_cast<Index>(n) > k_sought_neighbours) return {};
-  for (std::size_t i = 0; i < n; ++i) {
+  if (n > k_sought_neighbours) return {};
+  for (Index i = 0; i < n; ++i) {
     double nearest = std::numeric_limits<double>::infinity();
-    std::size_t found = i;
-    for (std::size_t j = 0; j < n; ++j) {
+    Index found = i;
+    for (Index j = 0; j < n; ++j) {
       if (j == i || sensors.components[j] != sensors.components[i]) continue;
       double square = 0;
       for (std::size_t a = 0; a < 3; ++a) square += std::pow(sensors.point(i)[a] - sensors.point(j)[a], 2);
       if (square > 0 && square < nearest) nearest = square, found = j;
     }
-    if (found != i)
-      pairs.insert({static_cast<Index>(std::min(i, found)), static_cast<Index>(std::max(i, found))});
+    if (found != i) pairs.insert({std::min(i, found), std::max(i, found)});
   }
   return {pairs.begin(), pairs.end()};
 }
@@ -92,7 +91,7 @@ ResidualTests::ResidualTests(std::shared_ptr<const model::ObservedModel> model, 
     : model_(std::move(model)),
       noise_(std::move(noise)),
       sensors_(std::move(sensors)),
-      groups_(static_cast<std::size_t>(noise_.size()), 0) {
+      groups_(noise_.size(), 0) {
   const Index n = noise_.size();
   const likelihood::GaussianNoise& measurement = noise_.measurement();
   inverse_std_ = measurement.is_independent() ? Eigen::VectorXd(measurement.inverse_variance())
@@ -139,7 +138,7 @@ ResidualTests::ResidualTests(std::shared_ptr<const model::ObservedModel> model, 
 }
 
 std::string ResidualTests::name_of(Index sensor) const {
-  const auto i = static_cast<std::size_t>(sensor);
+  const std::size_t i = sensor;
   if (i >= sensors_.size()) return fmt::format("sensor {}", sensor);
   if (i >= sensors_.displacement_count())
     return fmt::format("\"{}\"", sensors_.scalars[i - sensors_.displacement_count()]);
@@ -209,7 +208,7 @@ ResidualReport ResidualTests::examine(std::span<const likelihood::DatumPointer> 
         (datum.values - data[k - 1]->values).isZero(0))
       report.set(ResidualTest::repeated, 0, k);
   }
-  const auto values = static_cast<double>(report.values);
+  const double values = report.values;
   if (report.values == 0) return report;
   report.set(ResidualTest::total, numerics::chi_squared_upper(report.misfit, values));
   if (noise_.has_step_errors()) {
@@ -253,7 +252,7 @@ ResidualReport ResidualTests::examine_scores(Eigen::MatrixXd scores, Index param
   report.values = (scores.array() != 0).count();
   report.misfit = scores.squaredNorm();
   report.scores = std::move(scores);
-  const auto values = static_cast<double>(report.values);
+  const double values = report.values;
   if (report.values == 0) return report;
   report.set(ResidualTest::total, numerics::chi_squared_upper(report.misfit, values));
   if (report.values > parameters)
@@ -284,11 +283,10 @@ void ResidualTests::test_extremes(ResidualReport& report) const {
   }
   z.col(step).cwiseAbs().maxCoeff(&sensor);
   const auto of_many = [](double score, double count) { return std::min(1.0, two_sided(score) * count); };
-  report.set(ResidualTest::value, of_many(largest, static_cast<double>(report.values)),
-             step * z.rows() + sensor);
+  report.set(ResidualTest::value, of_many(largest, report.values), step * z.rows() + sensor);
   if (likelihood::links_steps(noise_)) return;
   const double mean = sums.cwiseAbs().maxCoeff(&at) / std::sqrt(z.cols());
-  report.set(ResidualTest::sensor_mean, of_many(mean, static_cast<double>(z.rows())), at);
+  report.set(ResidualTest::sensor_mean, of_many(mean, z.rows()), at);
 }
 
 /// What takes independent noise.
@@ -302,7 +300,7 @@ void ResidualTests::test_independent(ResidualReport& report, Index parameters) c
   for (Index i = 0; i < n; ++i) {
     const auto of_sensor = in_time_order.col(i);
     const double square = of_sensor.squaredNorm();
-    const auto present = static_cast<double>((of_sensor.array() != 0).count());
+    const double present = (of_sensor.array() != 0).count();
     if (present == 0) continue;
     sensors.see(square, present, i);
     if (groups == 0) continue;
@@ -316,11 +314,11 @@ void ResidualTests::test_independent(ResidualReport& report, Index parameters) c
   const auto above = [](double sum, double products) {
     return numerics::normal_cdf(-sum / std::sqrt(products));
   };
-  const double following = n * static_cast<double>(m - 1);
+  const double following = 1.0 * n * (m - 1);
   if (m > parameters && following >= k_min_products)
     report.set(ResidualTest::time_neighbours,
                above(z.leftCols(m - 1).cwiseProduct(z.rightCols(m - 1)).sum(), following));
-  const double in_space = neighbours_.size() * static_cast<double>(m);
+  const double in_space = 1.0 * neighbours_.size() * m;
   if (in_space < k_min_products) return;
   double sum = 0;
   for (const auto& [i, j] : neighbours_) sum += in_time_order.col(i).dot(in_time_order.col(j));
@@ -331,7 +329,7 @@ void ResidualTests::test_modes(const Eigen::MatrixXd& residuals, ResidualReport&
   const Index k = modal_.rows(), m = residuals.cols();
   if (k == 0) return;
   const Eigen::MatrixXd q = modal_ * residuals;
-  report.set(ResidualTest::modes, numerics::chi_squared_upper(q.squaredNorm(), k * static_cast<double>(m)));
+  report.set(ResidualTest::modes, numerics::chi_squared_upper(q.squaredNorm(), 1.0 * k * m));
   report.set(ResidualTest::modes_mean, numerics::chi_squared_upper(q.rowwise().sum().squaredNorm() / m, k));
   if (m < 2 * k_parts) return;
   double slow = 0;

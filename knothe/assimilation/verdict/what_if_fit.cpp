@@ -49,8 +49,8 @@ Eigen::MatrixXd WhatIfFits::at_shifted(const Eigen::VectorXd& w, double shift, b
   Eigen::MatrixXd lift_low(values_.rows(), m), lift_step = Eigen::MatrixXd::Zero(values_.rows(), m);
   Eigen::RowVectorXd share = Eigen::RowVectorXd::Zero(m);
   for (Index k = 0; k < m; ++k) {
-    const double at = std::clamp(time_indices_[k] + shift, 0.0, static_cast<double>(last));
-    const Index below = std::min<Index>(static_cast<Index>(at), std::max<Index>(0, last - 1));
+    const double at = std::clamp<double>(time_indices_[k] + shift, 0, last);
+    const Index below = std::min<Index>(at, std::max<Index>(0, last - 1));
     low.col(k) = model_.core[below] * w;
     lift_low.col(k) = model_.lift.col(below);
     if (shift == 0 && slope == nullptr && below == at) continue;
@@ -120,7 +120,7 @@ void WhatIfFits::set_best_factor(const WhatIf& assumption, Point& point) const {
 WhatIfAnswer WhatIfFits::fit(const WhatIf& assumption) const {
   const Index d = starts_.cols();
   const Eigen::VectorXd lower = model_.functions->lower(), upper = model_.functions->upper();
-  const auto steps = static_cast<double>(model_.core.size());
+  const double steps = model_.core.size();
   std::vector<double> shifts = {0.0};
   if (assumption.shifted)
     for (const double share : {0.02, 0.05, 0.1, 0.15})

@@ -62,7 +62,7 @@ double noise_from_residual(const ImageCorrelation& correlation, const Correlatio
                                  ? [&] {
                                      const auto taps = gaussian_taps(correlation.options().prefilter_sigma);
                                      double sum = taps[0] * taps[0];
-                                     for (Index k = 1; k < std::ssize(taps); ++k) sum += 2 * static_cast<double>(taps[k] * taps[k]);
+                                     for (Index k = 1; k < std::ssize(taps); ++k) sum += 2.0 * (taps[k] * taps[k]);
                                      return sum * sum;
                                    }()
                                  : 1.0;

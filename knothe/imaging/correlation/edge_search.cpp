@@ -72,7 +72,7 @@ int change_point(const Grid& g) {
   }
   const double floor = std::pow(std::max(0.3, 0.005 * (high - low)), 2);
   const auto cost = [&](int a, int b) {  // of samples a … b − 1
-    const double n = static_cast<double>(b - a) * g.lines;
+    const double n = 1.0 * (b - a) * g.lines;
     const double s = sum[b] - sum[a], q = squares[b] - squares[a];
     return n * std::log(std::max(floor, q / n - (s / n) * (s / n)));
   };

@@ -90,7 +90,7 @@ MovedReference::Noise MovedReference::noise_of_last(double gamma) const {
   Noise noise;
   const auto [own, own_std] =
       displacement_precision(*correlation_, last_.element_valid, gamma, 1, last_.gain);
-  const auto dof = [this](Index i) { return 2 * node_[i / 2] + static_cast<int>(i % 2); };
+  const auto dof = [this](Index i) -> int { return 2 * node_[i / 2] + i % 2; };
   std::vector<Eigen::Triplet<double>> entries;
   for (int column = 0; column < own.outerSize(); ++column)
     for (Eigen::SparseMatrix<double>::InnerIterator it(own, column); it; ++it)

@@ -18,7 +18,7 @@ constexpr std::array<double, 4> k_xi{-1, 1, 1, -1}, k_eta{-1, -1, 1, 1};
 }  // namespace
 
 ShapeFunctions::ShapeFunctions(std::span<const double> x, std::span<const double> y, double x0, double y0)
-    : x0_(x0), y0_(y0), nodes_(static_cast<int>(x.size())) {
+    : x0_(x0), y0_(y0), nodes_(x.size()) {
   const std::size_t n = x.size();
   double longest = 0, smallest = 0, largest = 0;
   bool upright = n == 4;

@@ -119,7 +119,7 @@ CrackScene crack_scene(const ImageCorrelation& correlation, const CorrelationRes
 }
 
 double RoughPath::at(double s) const {
-  const double position = std::clamp((s - first) / step, 0.0, static_cast<double>(t.size()) - 1);
+  const double position = std::clamp((s - first) / step, 0.0, t.size() - 1.0);
   const auto i = std::min<std::size_t>(position, t.size() - 1), j = std::min(i + 1, t.size() - 1);
   const double share = position - i;
   return (1 - share) * t[i] + share * t[j];

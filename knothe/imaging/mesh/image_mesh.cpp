@@ -195,15 +195,14 @@ PixelTable::PixelTable(const ImageMesh& mesh, int width, int height) {
   for (const bool closed : {false, true})
     for (Index e = 0; e < std::ssize(mesh.elements); ++e) {
       const Box box = box_of(mesh, mesh.elements[e]);
-      const int first = std::ceil(box.y0 - k_rounding),
-                last = static_cast<int>(std::floor(box.y1 + k_rounding));
+      const int first = std::ceil(box.y0 - k_rounding), last = std::floor(box.y1 + k_rounding);
       for (int y = std::max(0, first); y <= std::min(height - 1, last); ++y) {
         if (!closed && y > box.y1 - k_rounding) continue;
         double left = 0, right = 0;
         if (!row_interval(mesh, mesh.elements[e], y, left, right)) continue;
         int x = std::max<int>(0, std::ceil(left - k_rounding));
         const int end = closed ? std::min<int>(width - 1, std::floor(right + k_rounding)) + 1
-                               : static_cast<int>(std::ceil(right - k_rounding));
+                               : std::ceil(right - k_rounding);
         for (; x < end; ++x) {
           if (taken[index(x, y)]) continue;
           taken[index(x, y)] = true;

@@ -74,10 +74,11 @@ PictureFrame fit_picture_frame(const std::vector<std::array<double, 2>>& pixels,
     throw UsageError(fmt::format(
         "registration of the picture: {} pixels and {} points; at least two of each, as many, are needed", n,
         points.size()));
+  const double count = n;
   Complex pixel_mean, point_mean;
   for (std::size_t i = 0; i < n; ++i)
-    pixel_mean += Complex(pixels[i][0], -pixels[i][1]) / static_cast<double>(n),
-        point_mean += Complex(points[i][0], points[i][1]) / static_cast<double>(n);
+    pixel_mean += Complex(pixels[i][0], -pixels[i][1]) / count,
+        point_mean += Complex(points[i][0], points[i][1]) / count;
   Complex product;
   double squares = 0;
   for (std::size_t i = 0; i < n; ++i) {

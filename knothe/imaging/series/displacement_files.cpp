@@ -53,8 +53,7 @@ void write_precisions(files::Hdf5Writer& file, const PictureSeries& series,
   };
   const std::vector<char>& usable = series.correlation().usable_elements();
   write_matrix(file, "/noise/precision", precision_of(usable), units);
-  file.integer_attribute("/noise/precision", "shared_reference",
-                         static_cast<std::int64_t>(series.reference_count()));
+  file.integer_attribute("/noise/precision", "shared_reference", series.reference_count());
   file.number_attribute("/noise/precision", "noise_grey_levels", noise);
   if (frame && frame->relative_scale_std > 0)
     file.number_attribute("/noise/precision", "relative_scale_std", frame->relative_scale_std);

@@ -27,7 +27,7 @@ constexpr double k_few_speckles = 3;    // in an element
 
 struct Box {
   int x0, y0, x1, y1;  // inclusive
-  [[nodiscard]] double count() const { return static_cast<double>(x1 - x0 + 1) * (y1 - y0 + 1); }
+  [[nodiscard]] double count() const { return (x1 - x0 + 1.0) * (y1 - y0 + 1); }
 };
 Box box_of(const Region& region, const files::Picture& picture) {
   return {std::max<int>(0, std::ceil(region.x0)), std::max<int>(0, std::ceil(region.y0)),
@@ -164,7 +164,7 @@ std::vector<ReportRow> reporting_table(const PictureSeries& series, const std::o
   row("Software", k_created_by);
   row("Technique", "two-dimensional global finite-element digital image correlation");
   row("Picture size", fmt::format("{} × {}", picture.width, picture.height), "px");
-  row("Grey levels", fmt::format("{:.0f}", static_cast<double>(picture.maximum) + 1));
+  row("Grey levels", fmt::format("{:.0f}", picture.maximum + 1.0));
   row("Reference pictures, averaged", fmt::format("{}", series.options().references.size()));
   row("Deformed pictures", fmt::format("{}", series.options().pictures.size()));
   if (frame) {

@@ -29,7 +29,8 @@ constexpr double k_moved = 0.05;  // of the variance of the difference of two re
 constexpr double k_foreign_residual = 0.75;  // of the contrast: the picture shows another surface
 
 Region region_of(const files::Picture& mask) {
-  Region box{static_cast<double>(mask.width), static_cast<double>(mask.height), -1, -1};
+  const double width = mask.width, height = mask.height;
+  Region box{width, height, -1, -1};
   for (int y = 0; y < mask.height; ++y)
     for (int x = 0; x < mask.width; ++x)
       if (mask.at(x, y) > 0)
@@ -44,7 +45,7 @@ Region region_of(const files::Picture& mask) {
 /// Standard deviation of the grey levels of a picture.
 double spread_of(const files::Picture& picture) {
   double sum = 0, squares = 0;
-  for (const float level : picture.pixels) sum += level, squares += level * static_cast<double>(level);
+  for (const double level : picture.pixels) sum += level, squares += level * level;
   const double count = picture.pixels.size();
   return std::sqrt(std::max(0.0, squares / count - std::pow(sum / count, 2)));
 }

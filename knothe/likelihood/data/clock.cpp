@@ -32,7 +32,7 @@ ModelClock model_clock(const model::SeparatedModel& model, const std::string& na
                                 names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
   }
   const std::size_t n = contents.time.size();
-  ModelClock clock{{found->values.begin(), found->values.begin() + static_cast<std::ptrdiff_t>(n)}, 1};
+  ModelClock clock{{found->values.begin(), found->values.begin() + n}, 1};
   const auto [least, most] = std::minmax_element(clock.value.begin(), clock.value.end());
   const double range = *most - *least;
   for (std::size_t i = 0; i < found->values.size(); ++i) {
@@ -90,7 +90,7 @@ ClockReading read_clock(const model::SeparatedModel& model, const std::string& n
     }
     const double inside = std::clamp(value, clock.value.front(), clock.value.back());
     const auto after = std::lower_bound(clock.value.begin() + 1, clock.value.end() - 1, inside);
-    const auto k = static_cast<std::size_t>(after - clock.value.begin());
+    const std::size_t k = after - clock.value.begin();
     const double slope = (time[k] - time[k - 1]) / (clock.value[k] - clock.value[k - 1]);
     const double ahead = inside - clock.value[k - 1];
     // A reading at a node is the node's time to the bit.

@@ -46,7 +46,7 @@ Eigen::SparseMatrix<double> read_matrix(const Hdf5Reader& file, const std::strin
         throw DataError(
             fmt::format("{}: {}/indices: entry {} of row {} is out of range", file.path(), name, k, i));
       }
-      entries.emplace_back(static_cast<int>(i), static_cast<int>(indices[k]), data[k]);
+      entries.emplace_back(i, indices[k], data[k]);
     }
   }
   Eigen::SparseMatrix<double> precision(n_obs, n_obs);
@@ -63,7 +63,7 @@ NoiseModel with_shared_reference(const Hdf5Reader& file, const std::string& name
         "{}: the attribute shared_reference of {} is {}: it is the number of reference pictures, 1 or more",
         file.path(), name.substr(1), pictures));
   }
-  return noise.with_shared_reference(static_cast<int>(pictures));
+  return noise.with_shared_reference(pictures);
 }
 
 /// Its attribute `relative_scale_std`: how accurately the metres per pixel are known.
@@ -224,7 +224,7 @@ Measurements read_hdf5(const std::string& path) {
         throw DataError(
             fmt::format("{}: values[{},{}] is infinite: give NaN for a missing value", path, t, j));
       }
-      m.values(j, static_cast<Eigen::Index>(t)) = value;
+      m.values(j, t) = value;
     }
   }
   m.sensors.points = file.read("/dofs/points", Shape{n_obs, 3});
@@ -253,7 +253,7 @@ void write_noise(files::Hdf5Writer& file, const NoiseModel& noise, std::size_t n
     name = "/noise/precision";
     const Eigen::SparseMatrix<double> m =
         noise.measurement().precision();  // symmetric: its columns are its rows
-    const auto count = static_cast<std::size_t>(m.nonZeros());
+    const std::size_t count = m.nonZeros();
     const std::vector<std::int64_t> indices(m.innerIndexPtr(), m.innerIndexPtr() + count);
     const std::vector<std::int64_t> rows(m.outerIndexPtr(), m.outerIndexPtr() + n_obs + 1);
     file.write(name + "/data", {m.valuePtr(), count}, {count}, {"1/m2", "precision of the noise, CSR"});
@@ -265,7 +265,7 @@ void write_noise(files::Hdf5Writer& file, const NoiseModel& noise, std::size_t n
 }
 
 void write_displacements(files::Hdf5Writer& file, const Measurements& m) {
-  const auto n_obs = static_cast<std::size_t>(m.values.rows()), n_t = m.time.size();
+  const std::size_t n_obs = m.values.rows(), n_t = m.time.size();
   // Column-major n_obs × n_t is the C order of [n_t, n_obs].
   file.write("/values", {m.values.data(), n_obs * n_t}, {n_t, n_obs}, {"m", "measured displacement"});
   file.write("/dofs/points", m.sensors.points, {n_obs, 3}, {"m", "measurement points"});
@@ -292,7 +292,7 @@ Measurements read_measurements(const std::string& path) {
 void write_measurements(const std::string& path, const Measurements& m, const std::string& project,
                         std::uint64_t seed) {
   if (files::extension_of(path) == ".csv") return write_measurements_csv(path, m);
-  const auto n_obs = static_cast<std::size_t>(m.values.rows()), n_t = m.time.size();
+  const std::size_t n_obs = m.values.rows(), n_t = m.time.size();
   files::write_atomically(path, [&](const std::string& temporary) {
     files::Hdf5Writer file(temporary);
     file.write("/time", m.time, {n_t}, {"1", "model time"});

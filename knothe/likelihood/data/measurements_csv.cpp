@@ -207,7 +207,7 @@ Measurements read_measurements_csv(const std::string& path) {
 }
 
 void write_measurements_csv(const std::string& path, const Measurements& m) {
-  const auto rows = static_cast<std::size_t>(m.values.rows());
+  const std::size_t rows = m.values.rows();
   if (rows > 0 && !m.noise.measurement().is_independent())
     throw UsageError(path + ": a CSV file holds a std for each value, no correlated noise: write HDF5");
   const Eigen::VectorXd std = rows > 0 ? m.noise.measurement().standard_deviations() : Eigen::VectorXd();
@@ -220,11 +220,10 @@ void write_measurements_csv(const std::string& path, const Measurements& m) {
     const std::string time = number(m.time[t]);
     for (std::size_t i = 0; i < rows; ++i) {
       const auto at = m.sensors.point(i);
-      const auto row = static_cast<Eigen::Index>(i);
-      text +=
-          fmt::format("{},s{},{},{},{},{},{},{}{}\n", time, i, number(at[0]), number(at[1]), number(at[2]),
-                      "xyz"[m.sensors.components[i]], number(m.values(row, static_cast<Eigen::Index>(t))),
-                      number(std[row]), shared ? "," : "");
+      const Eigen::Index row = i;
+      text += fmt::format("{},s{},{},{},{},{},{},{}{}\n", time, i, number(at[0]), number(at[1]),
+                          number(at[2]), "xyz"[m.sensors.components[i]], number(m.values(row, t)),
+                          number(std[row]), shared ? "," : "");
     }
     for (const auto& [name, series] : m.series) {
       text += fmt::format("{0},{1},,,,{1},{2},{3}", time, name, number(series.values[t]),

@@ -23,10 +23,9 @@ constexpr std::size_t k_rows_of_a_kind = 256;
 /// The rows of each kind of sensor.
 std::vector<Rows> kinds_of(const model::Sensors& sensors) {
   std::vector<Rows> kinds(3);
-  for (std::size_t i = 0; i < sensors.displacement_count(); ++i)
-    kinds.at(sensors.components[i]).push_back(static_cast<Index>(i));
-  for (std::size_t i = sensors.displacement_count(); i < sensors.size(); ++i)
-    kinds.push_back({static_cast<Index>(i)});
+  for (std::size_t i = 0; i < sensors.displacement_count(); ++i) kinds.at(sensors.components[i]).push_back(i);
+  const Index all = sensors.size();
+  for (Index i = sensors.displacement_count(); i < all; ++i) kinds.push_back({i});
   return kinds;
 }
 
@@ -94,7 +93,7 @@ void PlausibleRange::limit_scalar(std::size_t k, double limit) {
 }
 
 std::string PlausibleRange::words_for(Index i, double value) const {
-  const auto k = static_cast<std::size_t>(i), displacements = sensors_.displacement_count();
+  const std::size_t k = i, displacements = sensors_.displacement_count();
   if (k >= displacements)
     return fmt::format("{} is {:.4g}, beyond the limit of {:.4g}", sensors_.scalars[k - displacements], value,
                        limits_[i]);

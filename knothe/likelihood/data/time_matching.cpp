@@ -14,7 +14,7 @@ namespace {
 
 std::size_t nearest_time(double time, std::span<const double> model) {
   const auto after = std::lower_bound(model.begin(), model.end(), time);
-  const auto nearest = static_cast<std::size_t>(after - model.begin());
+  const std::size_t nearest = after - model.begin();
   const bool before_is_nearer =
       nearest == model.size() || (nearest > 0 && time - model[nearest - 1] < model[nearest] - time);
   return before_is_nearer ? nearest - 1 : nearest;

@@ -35,7 +35,7 @@ Eigen::VectorXd ModelBias::coefficients(const numerics::IncrementalSvd& svd, dou
   const Eigen::MatrixXd series = svd.time() * svd.singular_values().asDiagonal();
   Eigen::VectorXd ahead(used(svd));
   for (Eigen::Index k = 0; k < ahead.size(); ++k) {
-    const auto n = static_cast<std::size_t>(series.rows());
+    const std::size_t n = series.rows();
     ahead[k] = likelihood::extrapolate(options_.order, options_.window, times_,
                                        std::span(series.col(k).data(), n), time);
   }

@@ -135,7 +135,7 @@ Eigen::MatrixXd SharedError::innovation(const ProjectedDatum& datum, bool moved,
                                         const std::vector<const Kind*>& standing) const {
   const NoiseGroup& group = datum.group;
   const Eigen::Index r = datum.core.cols(), s = datum.core.rows(), m = datum.extra.cols();
-  const Eigen::Index of_moved = moved ? s * static_cast<Eigen::Index>(1 + standing.size()) : 0;
+  const Eigen::Index of_moved = moved ? s * (1 + std::ssize(standing)) : 0;
   Eigen::MatrixXd columns(datum.residual.size(), 1 + r + of_moved + m);
   columns.col(0) = datum.residual;
   columns.middleCols(1, r) = group.space * datum.core;
@@ -143,9 +143,8 @@ Eigen::MatrixXd SharedError::innovation(const ProjectedDatum& datum, bool moved,
   columns.leftCols(1 + r) -= mean_(group.kept, Eigen::seqN(0, 1 + r));
   columns.rightCols(m) -= mean_(group.kept, Eigen::seqN(1 + r, m));
   if (moved) columns.middleCols(1 + r, s) = group.space;
-  for (std::size_t i = 0; i < standing.size(); ++i) {
-    columns.middleCols(1 + r + s * static_cast<Eigen::Index>(1 + i), s) =
-        -effect_of_kind(*standing[i])(group.kept, Eigen::all);
+  for (Eigen::Index i = 0; i < std::ssize(standing); ++i) {
+    columns.middleCols(1 + r + s * (1 + i), s) = -effect_of_kind(*standing[i])(group.kept, Eigen::all);
   }
   return columns;
 }
@@ -170,7 +169,7 @@ void SharedError::choose_moved(const Kind& mine, MovedForm& moved, std::vector<c
 
 StepForm SharedError::project_uniform(const ProjectedDatum& datum, MovedForm* moved) const {
   const Eigen::Index r = datum.core.cols(), s = datum.core.rows();
-  const double k = pictures_, before = kinds_.empty() ? 0 : static_cast<double>(kinds_[0].count);
+  const double k = pictures_, before = kinds_.empty() ? 0.0 : kinds_[0].count;
   const double factor = (k + 1) * (k + before) / (k * (k + before + 1));
   const auto project = [&](const Eigen::MatrixXd& core, StepForm& form) {
     if (before == 0) {
@@ -261,7 +260,7 @@ SharedError::Information SharedError::prior_information() {
   std::vector<Eigen::Triplet<double>> places, entries;
   int size = 0;
   for (const Sparse& prior : priors) {
-    std::vector<int> place(static_cast<std::size_t>(n), -1);
+    std::vector<int> place(n, -1);
     for (int i = 0; i < sensors; ++i) {
       if (prior.coeff(i, i) == 0) continue;  // not measured
       places.emplace_back(size, i, 1.0);
@@ -297,7 +296,7 @@ void SharedError::factorise(Information& information) const {
 SharedError::Information SharedError::with(Information information, Kind& kind, Eigen::Index count) const {
   const GaussianNoise& whole = kind.of_one_step ? noise_.at_step(kind.step) : noise_.measurement();
   const Eigen::Index n = noise_.size();
-  std::vector<bool> is_kept(static_cast<std::size_t>(n), false);
+  std::vector<bool> is_kept(n, false);
   for (const Eigen::Index i : kind.kept) is_kept[i] = true;
   const bool is_coupled = !whole.is_independent();
   std::vector<Eigen::Triplet<double>> entries;
@@ -311,7 +310,7 @@ SharedError::Information SharedError::with(Information information, Kind& kind, 
   double log_own = 0;
   for (Eigen::Index i = 0; is_coupled && i < n; ++i) {
     if (is_kept[i] || !whole.is_measured(i)) continue;
-    entries.emplace_back(static_cast<int>(first + missing++), static_cast<int>(i), 1.0);
+    entries.emplace_back(first + missing++, i, 1.0);
     log_own += std::log(own_[i]);
   }
   if (missing > 0 && kind.border < 0) {
@@ -322,11 +321,11 @@ SharedError::Information SharedError::with(Information information, Kind& kind, 
         log_own - whole.log_determinant() + kind.noise.log_determinant() + missing * std::log(count);
     information.matrix.conservativeResize(size, size);
   } else if (missing > 0) {
-    information.log_border += missing * std::log((kind.count + count) / static_cast<double>(kind.count));
+    information.log_border += missing * std::log(1.0 * (kind.count + count) / kind.count);
   }
   Sparse selection(size, n);
   selection.setFromTriplets(entries.begin(), entries.end());
-  const Sparse own = (static_cast<double>(count) * own_).asDiagonal() * whole.precision();
+  const Sparse own = (count * own_).asDiagonal() * whole.precision();
   information.matrix += selection * own * Sparse(selection.transpose());
   factorise(information);
   return information;

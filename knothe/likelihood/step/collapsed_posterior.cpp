@@ -134,7 +134,7 @@ Eigen::VectorXd CollapsedLogDensity::component_shares(const Eigen::Ref<const Eig
                                                       const Eigen::Ref<const Eigen::VectorXd>& weights) {
   posterior::LogDensityBatch next;
   next.resize(p.rows(), dimension(), 0);
-  const auto count = static_cast<Eigen::Index>(count_);
+  const Eigen::Index count = count_;
   Eigen::ArrayXXd value(p.rows(), count);
   for (Eigen::Index k = 0; k < count; ++k) {
     components_[k].likelihood->evaluate(p, 0, next.value, next.gradient, next.hessian);
@@ -145,7 +145,7 @@ Eigen::VectorXd CollapsedLogDensity::component_shares(const Eigen::Ref<const Eig
 
 Eigen::VectorXd CollapsedLogDensity::component_shares(std::span<const numerics::GridRun> runs,
                                                       const Eigen::Ref<const Eigen::VectorXd>& weights) {
-  const auto count = static_cast<Eigen::Index>(count_);
+  const Eigen::Index count = count_;
   Eigen::ArrayXXd value(weights.size(), count);
   for (Eigen::Index k = 0; k < count; ++k) evaluate_component(components_[k], runs, value.col(k).matrix());
   return shares_of(std::move(value), weights);

@@ -55,7 +55,7 @@ Eigen::MatrixXd regression(const Eigen::MatrixXd& deviation, Eigen::MatrixXd p) 
 
 posterior::FewPoints all_alike(Eigen::MatrixXd points) {
   const Eigen::Index n = points.rows();
-  return {std::move(points), Eigen::VectorXd::Constant(n, 1 / static_cast<double>(n)), {}};
+  return {std::move(points), Eigen::VectorXd::Constant(n, 1.0 / n), {}};
 }
 
 }  // namespace

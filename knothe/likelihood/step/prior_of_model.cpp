@@ -19,7 +19,7 @@ std::shared_ptr<const posterior::PriorTransform> truncated_to_box(const model::O
   const Eigen::VectorXd lower = model.functions->lower(), upper = model.functions->upper();
   assert(std::ssize(priors) == lower.size());
   for (std::size_t k = 0; k < priors.size(); ++k) {
-    const auto i = static_cast<Eigen::Index>(k);
+    const Eigen::Index i = k;
     const std::string name = k < model.parameters.size() ? model.parameters[k] : fmt::format("{}", k);
     priors[k] = priors[k].truncated(lower[i], upper[i], name);
   }

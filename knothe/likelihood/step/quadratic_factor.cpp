@@ -17,7 +17,7 @@ void QuadraticFactor::compute(const Eigen::MatrixXd& quadratic, const Eigen::Vec
   const Eigen::Index r = linear.size();
   assert(quadratic.rows() == r && quadratic.cols() == r && magnitude.size() == r);
   const bool bounded = magnitude.allFinite();
-  const double rounding = 4 * static_cast<double>(r) * std::numeric_limits<double>::epsilon();
+  const double rounding = 4.0 * r * std::numeric_limits<double>::epsilon();
   lower_.setZero(r, r);
   solution_.setZero(r);
   remainder_ = linear;

@@ -86,7 +86,7 @@ SeparatedOutputModel::SeparatedOutputModel(SeparatedModel model, std::string out
 FieldDerivatives SeparatedOutputModel::at(const Eigen::Ref<const Eigen::VectorXd>& point,
                                           int derivatives) const {
   check_cancellation("the model was being evaluated");
-  return model_.evaluate_output(output_, {point.data(), static_cast<std::size_t>(point.size())}, derivatives);
+  return model_.evaluate_output(output_, std::span(point.data(), point.size()), derivatives);
 }
 
 void SeparatedOutputModel::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points,
@@ -100,7 +100,7 @@ void SeparatedOutputModel::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& poi
 
 void SeparatedOutputModel::jacobian(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                     Eigen::Ref<Eigen::MatrixXd> jacobians) {
-  const auto d = static_cast<std::size_t>(points.rows()), m = steps_.size();
+  const std::size_t d = points.rows(), m = steps_.size();
   for (Eigen::Index i = 0; i < points.cols(); ++i) {
     const auto found = at(points.col(i), 1);
     for (std::size_t s = 0; s < m; ++s)
@@ -112,7 +112,7 @@ void SeparatedOutputModel::jacobian(const Eigen::Ref<const Eigen::MatrixXd>& poi
 void SeparatedOutputModel::hessian(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                    const Eigen::Ref<const Eigen::MatrixXd>& sensitivities,
                                    Eigen::Ref<Eigen::MatrixXd> hessians) {
-  const auto d = static_cast<std::size_t>(points.rows());
+  const std::size_t d = points.rows();
   for (Eigen::Index i = 0; i < points.cols(); ++i) {
     const auto found = at(points.col(i), 2);
     hessians.col(i).setZero();

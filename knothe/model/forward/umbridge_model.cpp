@@ -26,12 +26,12 @@ Eigen::Index sum_of(const std::vector<std::size_t>& sizes) {
 
 /// First index of vector `i` among all, one after the other.
 Eigen::Index offset(const std::vector<std::size_t>& sizes, std::size_t i) {
-  return std::accumulate(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(i), std::size_t{0});
+  return std::accumulate(sizes.begin(), sizes.begin() + i, std::size_t{0});
 }
 
 std::vector<double> piece(const Eigen::Ref<const Eigen::VectorXd>& values, Eigen::Index begin,
                           std::size_t size) {
-  return {values.data() + begin, values.data() + begin + static_cast<Eigen::Index>(size)};
+  return {values.data() + begin, values.data() + begin + size};
 }
 
 std::vector<double> unit_vector(std::size_t size, std::size_t i) {
@@ -149,7 +149,7 @@ std::vector<std::size_t> UmbridgeModel::ask_sizes(const std::string& route, cons
 std::string UmbridgeModel::describe(const Point& point) const {
   std::string text;
   for (Eigen::Index k = 0; k < point.size(); ++k) {
-    const auto i = static_cast<std::size_t>(k);
+    const std::size_t i = k;
     text += fmt::format("{}{} = {}", k > 0 ? ", " : "",
                         i < settings_.parameters.size() ? settings_.parameters[i] : fmt::format("p[{}]", k),
                         point[k]);
@@ -163,7 +163,7 @@ void UmbridgeModel::each_point(Eigen::Index count,
                                const std::function<void(HttpConnection&, Eigen::Index)>& body) {
   const auto lanes = std::ssize(connections_);
   parallel_for(connections_.size(), connections_.size(), [&](std::size_t lane) {
-    for (auto i = static_cast<Eigen::Index>(lane); i < count; i += lanes) {
+    for (Eigen::Index i = lane; i < count; i += lanes) {
       check_cancellation("the model was being evaluated");
       body(connections_[lane], i);
       if (answered) answered(i);
@@ -182,8 +182,7 @@ void UmbridgeModel::evaluate_one(HttpConnection& connection, const Point& point,
                                 output.is_array() ? output.size() : 0, output_sizes_.size()));
   out.setConstant(k_nothing);
   for (std::size_t o = 0; o < output_sizes_.size(); ++o)
-    umbridge::read_vector(output[o],
-                          out.segment(offset(output_sizes_, o), static_cast<Eigen::Index>(output_sizes_[o])),
+    umbridge::read_vector(output[o], out.segment(offset(output_sizes_, o), output_sizes_[o]),
                           fmt::format("output[{}]", o), place);
 }
 
@@ -204,14 +203,14 @@ void UmbridgeModel::gradient(const Eigen::Ref<const Eigen::MatrixXd>& points,
     gradients.col(i).setZero();
     for (std::size_t o = 0; o < output_sizes_.size(); ++o)
       for (std::size_t b = 0; b < input_sizes_.size(); ++b)
-        gradients.col(i).segment(offset(input_sizes_, b), static_cast<Eigen::Index>(input_sizes_[b])) +=
+        gradients.col(i).segment(offset(input_sizes_, b), input_sizes_[b]) +=
             protocol.vector("/Gradient",
                             {{"outWrt", o},
                              {"inWrt", b},
                              {"sens", piece(sensitivity, offset(output_sizes_, o), output_sizes_[o])}},
                             input_sizes_[b]);
   });
-  calls_.gradients += points.cols() * static_cast<Eigen::Index>(output_sizes_.size() * input_sizes_.size());
+  calls_.gradients += points.cols() * std::ssize(output_sizes_) * std::ssize(input_sizes_);
 }
 
 void UmbridgeModel::jacobian(const Eigen::Ref<const Eigen::MatrixXd>& points,
@@ -223,8 +222,7 @@ void UmbridgeModel::jacobian(const Eigen::Ref<const Eigen::MatrixXd>& points,
     for (std::size_t o = 0; o < output_sizes_.size(); ++o)
       for (std::size_t b = 0; b < input_sizes_.size(); ++b)
         for (std::size_t k = 0; k < input_sizes_[b]; ++k)
-          j.col(offset(input_sizes_, b) + static_cast<Eigen::Index>(k))
-              .segment(offset(output_sizes_, o), static_cast<Eigen::Index>(output_sizes_[o])) =
+          j.col(offset(input_sizes_, b) + k).segment(offset(output_sizes_, o), output_sizes_[o]) =
               protocol.vector("/ApplyJacobian",
                               {{"outWrt", o}, {"inWrt", b}, {"vec", unit_vector(input_sizes_[b], k)}},
                               output_sizes_[o]);
@@ -244,8 +242,7 @@ void UmbridgeModel::hessian(const Eigen::Ref<const Eigen::MatrixXd>& points,
       for (std::size_t a = 0; a < input_sizes_.size(); ++a)
         for (std::size_t b = 0; b < input_sizes_.size(); ++b)
           for (std::size_t k = 0; k < input_sizes_[b]; ++k)
-            h.col(offset(input_sizes_, b) + static_cast<Eigen::Index>(k))
-                .segment(offset(input_sizes_, a), static_cast<Eigen::Index>(input_sizes_[a])) +=
+            h.col(offset(input_sizes_, b) + k).segment(offset(input_sizes_, a), input_sizes_[a]) +=
                 protocol.vector("/ApplyHessian",
                                 {{"outWrt", o},
                                  {"inWrt1", a},
@@ -255,8 +252,7 @@ void UmbridgeModel::hessian(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                 input_sizes_[a]);
     hessians.col(i) = (0.5 * (h + h.transpose())).reshaped();
   });
-  calls_.hessians +=
-      points.cols() * dimension_ * static_cast<Eigen::Index>(output_sizes_.size() * input_sizes_.size());
+  calls_.hessians += points.cols() * dimension_ * std::ssize(output_sizes_) * std::ssize(input_sizes_);
 }
 
 }  // namespace knothe::model

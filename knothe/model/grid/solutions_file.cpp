@@ -94,7 +94,7 @@ class SlabOrder {
 
 /// The coordinates must stay below half of the machine's memory; twice, while they are put together.
 void require_memory(const files::Hdf5Reader& file, std::size_t columns, Index directions) {
-  const double machine = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * sysconf(_SC_PAGESIZE);
+  const double machine = 1.0 * sysconf(_SC_PHYS_PAGES) * sysconf(_SC_PAGESIZE);
   const double needed = 2.0 * sizeof(double) * columns * directions;
   if (needed <= 0.5 * machine) return;
   throw DataError(fmt::format(

@@ -321,7 +321,7 @@ std::vector<std::vector<std::size_t>> grid_without(std::span<const std::size_t> 
       for (const std::size_t n : kept[i]) {
         const auto taken =
             std::count_if(holes.begin(), holes.end(), [&](const auto& hole) { return hole[i] == n; });
-        const double worth = static_cast<double>(taken) * kept[i].size();
+        const double worth = 1.0 * taken * kept[i].size();
         if (taken > 0 && worth > best) {
           best = worth;
           axis = i;

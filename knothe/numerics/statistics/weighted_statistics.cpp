@@ -26,7 +26,7 @@ class SpreadMass {
 
   SpreadMass() {
     for (Index i = 0; i < std::ssize(nodes_); ++i) {
-      const double x = -k_reach + static_cast<double>(i) / k_per_unit;
+      const double x = -k_reach + 1.0 * i / k_per_unit;
       double mass = 0, density = 1, factor = 1, before = 1, here = x;  // He_{2j−2}, He_{2j−1}
       for (int j = 1; j < 8; ++j) {
         factor *= -0.5 / j;

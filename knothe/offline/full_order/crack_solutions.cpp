@@ -85,8 +85,8 @@ void CrackedBeam::make_mesh(const BeamOptions& beam, const CrackedBeamOptions& o
     std::reverse(y.begin(), y.end());
     y.pop_back();
   }
-  const auto above = uniform_positions(
-      corner_, beam.height, static_cast<std::size_t>(std::round((beam.height - corner_) / options.spacing)));
+  const auto above =
+      uniform_positions(corner_, beam.height, std::round((beam.height - corner_) / options.spacing));
   y.insert(y.end(), above.begin(), above.end());
   z = grid.z;
 

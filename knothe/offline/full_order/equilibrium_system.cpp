@@ -183,7 +183,7 @@ std::span<const double> Flexibility::column(int place) {
   if (columns_[place].empty()) {
     const std::size_t rows = dofs_.size();
     const int first = place / k_block * k_block;
-    const int columns = std::min(k_block, static_cast<int>(rows) - first);
+    const int columns = std::min<int>(k_block, rows - first);
     const std::size_t size = structure_.free_count();
     std::vector<double> right(size * columns, 0.0);
     for (int c = 0; c < columns; ++c) right[size * c + structure_.free_index(dofs_[first + c])] = 1.0;

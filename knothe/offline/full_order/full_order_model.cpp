@@ -100,7 +100,7 @@ FullOrderResult follow(Loading loading, const Structure& structure, const Solver
   }
   result.cell_damage = loading.cell_damage();
   result.crack_length = crack_length(structure.mesh(), structure.elements(), result.cell_damage);
-  result.cpu_seconds = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
+  result.cpu_seconds = 1.0 * (std::clock() - start) / CLOCKS_PER_SEC;
   return result;
 }
 

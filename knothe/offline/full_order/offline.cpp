@@ -101,7 +101,7 @@ DamageParameters damage_parameters(const BeamProblem& problem, std::span<const m
 
 std::vector<double> model_time(const SolverOptions& solver) {
   std::vector<double> time(solver.steps);
-  for (int i = 0; i < solver.steps; ++i) time[i] = static_cast<double>(i + 1) / solver.steps;
+  for (int i = 0; i < solver.steps; ++i) time[i] = (i + 1.0) / solver.steps;
   return time;
 }
 

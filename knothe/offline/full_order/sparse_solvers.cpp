@@ -104,7 +104,7 @@ SymmetricFactor& SymmetricFactor::operator=(SymmetricFactor&&) noexcept = defaul
 
 void SymmetricFactor::solve(std::span<double> values, int columns) const {
   auto& [common, factor, size] = *implementation_;
-  assert(values.size() == size * static_cast<std::size_t>(columns));
+  assert(values.size() == size * columns);
   cholmod_dense right{};
   right.nrow = size;
   right.ncol = columns;

@@ -278,7 +278,7 @@ void LatinPgd::solve_window() {
     const auto results = global_stage(pending, round == 0, round >= options_.rescue_round);
     record_stage(results, record);
     pending = enrich(results, record);
-    record.cpu_seconds = static_cast<double>(std::clock() - start_) / CLOCKS_PER_SEC;
+    record.cpu_seconds = 1.0 * (std::clock() - start_) / CLOCKS_PER_SEC;
     solution_.history.push_back(record);
     if (!pending.empty() && round + 1 < options_.rounds) continue;
     const std::vector<int> open = pending;
@@ -314,7 +314,7 @@ void LatinPgd::resume() {
 
 void LatinPgd::note_state(int next_step) {
   if (options_.state_file.empty()) return;
-  solution_.cpu_seconds = static_cast<double>(std::clock() - start_) / CLOCKS_PER_SEC;
+  solution_.cpu_seconds = 1.0 * (std::clock() - start_) / CLOCKS_PER_SEC;
   const auto cells = body_.cells();
   state_ = {next_step, {cells.begin(), cells.end()}, basis_.modes(), history_, {}, solution_};
   expanded_columns_ = expanded_.cols();
@@ -353,7 +353,7 @@ LatinSolution LatinPgd::run() {
   }
   solution_.space = body_.expand(basis_.archive());
   solution_.active_cells = body_.cells().size();
-  solution_.cpu_seconds = static_cast<double>(std::clock() - start_) / CLOCKS_PER_SEC;
+  solution_.cpu_seconds = 1.0 * (std::clock() - start_) / CLOCKS_PER_SEC;
   if (std::error_code ignored; !options_.state_file.empty())
     std::filesystem::remove(options_.state_file, ignored);
   return std::move(solution_);

@@ -37,7 +37,7 @@ MatrixXd LatinStage::guess(int step, const LatinStageResult& result) const {
   MatrixXd coordinates = states(fresh ? step - 1 : step, result);
   if (fresh && expected.empty()) coordinates += coordinates - states(step - 2, result);
   if (fresh && !expected.empty()) {
-    const auto now = static_cast<std::size_t>(step - first) + 1;
+    const std::size_t now = step - first + 1;
     for (Index i = 0; i < coordinates.cols(); ++i) {
       const Index point = result.points[i];
       coordinates.col(i).tail(basis.size()) += expected[now].col(point) - expected[now - 1].col(point);

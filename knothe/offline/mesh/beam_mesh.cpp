@@ -14,7 +14,7 @@ namespace {
 constexpr double k_near = 1e-7;  // m; far below any element, far above rounding
 
 std::size_t whole(double ratio) {
-  return static_cast<std::size_t>(std::max(1.0, std::round(ratio)));
+  return std::max(1.0, std::round(ratio));
 }
 
 /// x ≥ 0 half of the grid: notch or middle column(s), fine mesh, graded to the support and on to the end.

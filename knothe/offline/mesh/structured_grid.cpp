@@ -33,8 +33,7 @@ std::vector<double> graded_positions(double from, double to, double first, doubl
 
 std::vector<double> uniform_positions(double from, double to, std::size_t count) {
   std::vector<double> positions(count + 1);
-  for (std::size_t i = 0; i <= count; ++i)
-    positions[i] = from + (to - from) * (static_cast<double>(i) / count);
+  for (std::size_t i = 0; i <= count; ++i) positions[i] = from + (to - from) * (1.0 * i / count);
   positions.back() = to;
   return positions;
 }

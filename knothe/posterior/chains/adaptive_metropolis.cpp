@@ -53,7 +53,7 @@ class WithinCovariance {
   void add(const Eigen::MatrixXd& position) {
     ++draws_;
     const Eigen::MatrixXd before = position - mean_;
-    mean_ += before / static_cast<double>(draws_);
+    mean_ += before / draws_;
     sum_ += before.transpose() * (position - mean_);
   }
   /// Drawn towards `lower lowerᵀ`, as if that had been seen in 2 d draws more.
@@ -80,7 +80,7 @@ class Chains {
         d_(target.dimension()),
         covariance_(chains_, d_) {
     derivatives_ = std::min(1, target.available_derivatives());
-    const auto d = static_cast<double>(d_);
+    const double d = d_;
     random_walk_ = {false, std::log(2.38 / std::sqrt(d)), d_ == 1 ? 0.44 : d_ < 5 ? 0.35 : 0.234};
     langevin_ = {true, std::log(1.4 / std::pow(d, 1.0 / 6)), 0.574};
     begin();
@@ -136,14 +136,14 @@ void Chains::begin() {
     const Eigen::MatrixXd noise = random_.normals(chains_, d_);
     Eigen::MatrixXd trial = position_;
     for (Eigen::Index c = 0; c < chains_; ++c) {
-      const Mode& mode = modes[static_cast<std::size_t>(c) % modes.size()];
+      const Mode& mode = modes[c % std::ssize(modes)];
       if (!std::isfinite(value_[c]))
         trial.row(c) = (mode.point + (attempt == 29 ? 0 : spread) * mode.lower * noise.row(c).transpose());
     }
     target_.evaluate(trial, derivatives_, batch_);
     for (Eigen::Index c = 0; c < chains_; ++c) {
-      const Mode& mode = modes[static_cast<std::size_t>(c) % modes.size()];
-      if (batch_.value[c] < mode.value - 20 * (1 + static_cast<double>(d_)) && attempt < 29) continue;
+      const Mode& mode = modes[c % std::ssize(modes)];
+      if (batch_.value[c] < mode.value - 20.0 * (1 + d_) && attempt < 29) continue;
       position_.row(c) = trial.row(c);
       value_[c] = batch_.value[c];
     }
@@ -196,8 +196,8 @@ void Chains::advance(bool tune) {
   ++step_;
   ++steps_since_learning_;
   if (tune)  // Robbins and Monro
-    kernel.log_scale += 2 * std::pow(static_cast<double>(steps_since_learning_) / 4 + 1, -0.6) *
-                        (acceptance_ - kernel.wanted_acceptance);
+    kernel.log_scale +=
+        2 * std::pow(steps_since_learning_ / 4.0 + 1, -0.6) * (acceptance_ - kernel.wanted_acceptance);
 }
 
 void fill_statistics(MetropolisResult& result) {
@@ -215,7 +215,7 @@ void fill_statistics(MetropolisResult& result) {
   result.converged = result.r_hat.maxCoeff() <= 1.01 && result.effective_sizes.minCoeff() >= 400 &&
                      result.std_errors.maxCoeff() <= 0.02;
   result.sample.effective_size =
-      std::min(result.effective_sizes.minCoeff(), static_cast<double>(result.sample.points.rows()));
+      std::min<double>(result.effective_sizes.minCoeff(), result.sample.points.rows());
 }
 
 }  // namespace
@@ -229,7 +229,7 @@ MetropolisResult adaptive_metropolis(LogDensity& target, const MetropolisOptions
   Eigen::Index stage_begin = 0, planned = warm_up + kept;
   double share_before = 0, share_after = options.max_thinning > 1 ? 0.5 : 1;
   const auto report = [&](Eigen::Index done) {
-    const double of_stage = (done - stage_begin) / static_cast<double>(planned - stage_begin);
+    const double steps = planned - stage_begin, of_stage = (done - stage_begin) / steps;
     if (options.progress && !options.progress(share_before + of_stage * (share_after - share_before)))
       throw Interrupted(fmt::format("mcmc: interrupted after {} of {} steps", done, planned));
   };

@@ -36,7 +36,7 @@ Eigen::MatrixXd split(const Eigen::Ref<const Eigen::MatrixXd>& draws) {
 
 /// Normal scores of average ranks, Φ⁻¹((rank − 3/8)/(S + 1/4)) (Vehtari et al. 2021, Eq. 14).
 Eigen::MatrixXd rank_normalise(const Eigen::MatrixXd& draws) {
-  const auto n = static_cast<std::size_t>(draws.size());
+  const std::size_t n = draws.size();
   std::vector<Eigen::Index> order(n);
   std::iota(order.begin(), order.end(), Eigen::Index{0});
   const double* values = draws.data();
@@ -76,7 +76,7 @@ double r_hat(const Eigen::MatrixXd& chains) {
 }
 
 double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  const auto middle = values.begin() + values.size() / 2;
   std::nth_element(values.begin(), middle, values.end());
   if (values.size() % 2 == 1) return *middle;
   return 0.5 * (*middle + *std::max_element(values.begin(), middle));
@@ -95,18 +95,18 @@ Eigen::VectorXd autocovariance(const Eigen::Ref<const Eigen::VectorXd>& chain) {
   transform.fwd(spectrum, signal);
   spectrum = spectrum.cwiseAbs2().cast<std::complex<double>>();
   transform.inv(result, spectrum);
-  return result.head(n) / static_cast<double>(n);
+  return result.head(n) / n;
 }
 
 /// Of chains that are halves already, by the initial monotone sequence.
 double effective_of(const Eigen::MatrixXd& halves) {
   if (halves.maxCoeff() == halves.minCoeff()) return 1;
   const Eigen::Index n = halves.rows();
-  const auto total = static_cast<double>(halves.size());
+  const double total = halves.size();
   const Variances v = variances(halves);
   Eigen::VectorXd covariance = Eigen::VectorXd::Zero(n);
   for (Eigen::Index m = 0; m < halves.cols(); ++m) covariance += autocovariance(halves.col(m));
-  covariance /= static_cast<double>(halves.cols());
+  covariance /= halves.cols();
   // ρ_t = 1 − (W − mean autocovariance)/whole variance (their Eq. 10); sums of neighbouring pairs are
   // positive and decrease for a reversible chain (Geyer 1992): the sum ends where that is lost in noise.
   const auto rho = [&](Eigen::Index t) { return t == 0 ? 1.0 : 1 - (v.within - covariance[t]) / v.whole; };
@@ -162,7 +162,7 @@ double relative_error_of_deviation(const Eigen::Ref<const Eigen::MatrixXd>& draw
   const double by_autocorrelation =
       std::sqrt((squares.array() - variance).square().mean() / effective_of(squares));
   const Eigen::RowVectorXd of_half = squares.colwise().mean();
-  const auto m = static_cast<double>(halves.cols());
+  const double m = halves.cols();
   const double by_halves = std::sqrt((of_half.array() - variance).square().sum() / ((m - 1) * m));
   return relative(std::max(by_autocorrelation, by_halves));
 }

@@ -26,7 +26,7 @@ constexpr double k_min_share = 0.05;
 constexpr double k_too_thin = 5, k_thin_share = 0.005;
 
 WeightedPoints equally_weighted(const Eigen::MatrixXd& points) {
-  return {points, Eigen::VectorXd::Constant(points.rows(), 1 / static_cast<double>(points.rows()))};
+  return {points, Eigen::VectorXd::Constant(points.rows(), 1.0 / points.rows())};
 }
 
 /// What a fit looks at: every N-th of the draws, with weights none of which is worth more than √n, and the
@@ -80,8 +80,7 @@ double missed_share(const MixtureProduct& mixture, const TemperedParticles& part
   Eigen::VectorXd log_proposal;
   mixture.log_density(particles.points(), log_proposal);
   const double threshold = std::log(k_too_thin) + sample.log_evidence;
-  const auto thin =
-      static_cast<double>(((particles.log_target() - log_proposal).array() > threshold).count());
+  const double thin = ((particles.log_target() - log_proposal).array() > threshold).count();
   const double of_draws =
       (sample.weights.array() > k_too_thin / sample.weights.size()).select(sample.weights, 0).sum();
   return thin / (particles.points().rows()) - of_draws;

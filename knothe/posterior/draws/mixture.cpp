@@ -49,7 +49,7 @@ Mixture::Mixture(std::vector<MixtureComponent> components, double tails)
   for (std::size_t k = 0; k < components_.size(); ++k) {
     MixtureComponent& c = components_[k];
     c.weight /= total;
-    log_factor_[static_cast<Eigen::Index>(k)] =
+    log_factor_[k] =
         std::log(c.weight) - c.lower.diagonal().array().log().sum() + log_normalisation(tails_, d);
     inverse_.emplace_back(Eigen::MatrixXd::Identity(d, d));
     c.lower.triangularView<Eigen::Lower>().solveInPlace(inverse_.back());

@@ -56,7 +56,7 @@ class Fit {
 
   /// Bayes' information criterion as a log-likelihood: the larger the better.
   [[nodiscard]] double criterion(const Components& components, double log_likelihood) const {
-    const auto d = static_cast<double>(d_);
+    const double d = d_;
     const double parameters = components.size() * (1 + d + 0.5 * d * (d + 1));
     return size_ * log_likelihood - 0.5 * std::log(size_) * parameters;
   }

@@ -11,12 +11,11 @@ namespace {
 
 /// Quarters of the ranks: below the first quartile 0, …, above the third 3.
 std::vector<int> quarters(const Eigen::VectorXd& values) {
-  const auto n = static_cast<std::size_t>(values.size());
+  const std::size_t n = values.size();
   std::vector<std::size_t> order(n);
   std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-    return values[static_cast<Eigen::Index>(a)] < values[static_cast<Eigen::Index>(b)];
-  });
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return values[a] < values[b]; });
   std::vector<int> quarter(n);
   for (std::size_t rank = 0; rank < n; ++rank) quarter[order[rank]] = 4 * rank / n;
   return quarter;
@@ -26,7 +25,7 @@ std::vector<int> quarters(const Eigen::VectorXd& values) {
 double mean_square_contingency(const std::vector<int>& a, const std::vector<int>& b) {
   std::array<double, 16> counts{};
   for (std::size_t i = 0; i < a.size(); ++i) counts[4 * a[i] + b[i]] += 1;
-  const double expected = static_cast<double>(a.size()) / 16;
+  const double expected = a.size() / 16.0;
   double sum = 0;
   for (const double count : counts) sum += (count - expected) * (count - expected);
   return sum / (expected * a.size());
@@ -58,7 +57,7 @@ void MixtureProduct::sample(Eigen::Index n, RandomNumbers& random, Eigen::Matrix
       for (Eigen::Index i = n - 1; i > 0; --i) std::swap(order[i], order[random.index(i + 1)]);
     for (std::size_t k = 0; k < factors_[f].coordinates.size(); ++k) {
       auto column = points.col(factors_[f].coordinates[k]);
-      for (Eigen::Index i = 0; i < n; ++i) column[i] = own(order[i], static_cast<Eigen::Index>(k));
+      for (Eigen::Index i = 0; i < n; ++i) column[i] = own(order[i], k);
     }
   }
 }

@@ -136,7 +136,7 @@ class MarginalDensity final : public LogDensity {
       target_.evaluate_with_differences(here, 2, spread_.transpose().replicate(here.rows(), 1), batch_);
       std::vector<Index> still;
       for (std::size_t row = 0; row < active.size(); ++row) {
-        const auto i = static_cast<std::size_t>(active[row]);
+        const std::size_t i = active[row];
         if (!advance(row, ascents[i], found[i], k_settled)) continue;
         points(active[row], rest_) = ascents[i].next.transpose();
         still.push_back(active[row]);

@@ -11,8 +11,8 @@ PolarScan::PolarScan(CheckedDensity& target, const Eigen::VectorXd& centre, cons
                      double first, double last, double spacing) {
   const Eigen::Index d = centre.size();
   assert(d >= 1 && d <= k_max_dimension);
-  rings_ = 1 + static_cast<Eigen::Index>(std::ceil(std::log(last / first) / spacing));
-  directions_ = d == 1 ? 2 : static_cast<Eigen::Index>(std::ceil(2 * std::numbers::pi / spacing));
+  rings_ = 1 + std::ceil(std::log(last / first) / spacing);
+  directions_ = d == 1 ? 2 : std::ceil(2 * std::numbers::pi / spacing);
   const double turn = 2 * std::numbers::pi / directions_;
   const Eigen::Index n = 1 + rings_ * directions_;
   Eigen::MatrixXd unit(2 * directions_, d);  // the directions of even rings, then those of odd ones

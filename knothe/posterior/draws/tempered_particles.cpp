@@ -79,7 +79,7 @@ void TemperedParticles::run() {
 /// The largest step that keeps ess_share of the particles whose weight is not zero.
 double TemperedParticles::next_temperature() {
   increments_ = log_target_ - log_reference_;
-  const auto alive = static_cast<double>((increments_.array() > -k_infinity).count());
+  const double alive = (increments_.array() > -k_infinity).count();
   const double goal = beta_ < options_.kept ? options_.kept : 1, rest = goal - beta_,
                wanted = (1 - 1e-9) * std::max(1.0, options_.ess_share * alive);
   if (effective_number(increments_, rest) >= wanted) return goal;
@@ -101,7 +101,7 @@ void TemperedParticles::reweigh_and_resample(double next) {
   const double sum = weights.sum();
   log_evidence_ += step * top + std::log(sum / n_);
   weights /= sum;
-  step_variances_ += std::max(0.0, weights.squaredNorm() - 1 / static_cast<double>(n_));
+  step_variances_ += std::max(0.0, weights.squaredNorm() - 1.0 / n_);
   beta_ = next;
   temperatures_.push_back(beta_);
   if (beta_ >= 1) estimate_error(weights);
@@ -120,7 +120,7 @@ void TemperedParticles::reweigh_and_resample(double next) {
     log_target_[i] = old_target[source];
     log_reference_[i] = old_reference[source];
     ancestor_[i] = old_ancestor[source];
-    position += 1 / static_cast<double>(n_);
+    position += 1.0 / n_;
   }
 }
 
@@ -155,14 +155,14 @@ Eigen::Index TemperedParticles::choose_coordinates(double probability) {
 
 void TemperedParticles::propose(Eigen::Index begin, Eigen::Index partners, bool full) {
   const Eigen::Index half = n_ / 2;
-  const double one_over_d = 1 / static_cast<double>(d_), probabilities[] = {1, 0.5, one_over_d};
+  const double one_over_d = 1.0 / d_, probabilities[] = {1, 0.5, one_over_d};
   const double probability = probabilities[random_.index(3)];
   proposal_.resize(half, d_);
   for (Eigen::Index i = 0; i < half; ++i) {
     const Eigen::Index a = random_.index(half);
     Eigen::Index b = random_.index(half - 1);
     if (b >= a) ++b;
-    const auto count = static_cast<double>(choose_coordinates(probability));
+    const double count = choose_coordinates(probability);
     // A little noise beside: else particles that resampling has made equal would never part.
     const double length =
         (full ? 1 : std::exp(log_scale_) * std::sqrt(d_ / count)) * (1 + 0.4 * (random_.uniform() - 0.5));
@@ -203,7 +203,7 @@ void TemperedParticles::move() {
   constexpr int k_look_back = 4;
   before_ = points_;
   const Eigen::MatrixXd centred = points_.rowwise() - points_.colwise().mean();
-  Eigen::MatrixXd covariance = centred.transpose() * centred / static_cast<double>(n_);
+  Eigen::MatrixXd covariance = centred.transpose() * centred / n_;
   for (Eigen::Index k = 0; k < d_; ++k)
     covariance(k, k) = covariance(k, k) * (1 + 1e-10) + std::numeric_limits<double>::min();
   const Eigen::LLT<Eigen::MatrixXd> factor(covariance);

@@ -124,8 +124,8 @@ std::vector<MultiIndex> read_indices(const files::Hdf5Reader& file, const std::s
   for (std::size_t f = 0; f < factors.size() / 3; ++f) {
     const std::int64_t coefficient = factors[3 * f], variable = factors[3 * f + 1],
                        degree = factors[3 * f + 2];
-    if (coefficient < 0 || coefficient >= static_cast<std::int64_t>(count) || variable < 0 ||
-        variable > 1'000'000 || degree < 1 || degree > k_max_order)
+    if (coefficient < 0 || coefficient >= std::ssize(indices) || variable < 0 || variable > 1'000'000 ||
+        degree < 1 || degree > k_max_order)
       fail(file,
            fmt::format("data set {}[{}] is ({}, {}, {}): no coefficient, variable and degree of this map",
                        name, f, coefficient, variable, degree));

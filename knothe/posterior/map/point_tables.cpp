@@ -47,7 +47,7 @@ Eigen::MatrixXd products(Index n, const std::vector<MultiIndex>& indices,
 /// as points, and most points have coordinates of their own.
 template <class Row, class Copy>
 void for_each_coordinate(const Eigen::Ref<const Eigen::VectorXd>& x, Row row, Copy copy) {
-  const std::size_t size = std::bit_ceil(2 * static_cast<std::size_t>(x.size()) + 2);
+  const std::size_t size = std::bit_ceil(std::size_t{2} * x.size() + 2);
   std::vector<Index> made(size, -1);
   for (Index i = 0; i < x.size(); ++i) {
     const std::uint64_t mixed =
@@ -124,7 +124,7 @@ PointTables::PointTables(Eigen::MatrixXd points, const TriangularMap& map, const
   for (Index k = 0; k < d; ++k) {
     const Index degrees = layout.component(k).degrees();
     const int nc = constant_degree[k];
-    const int ne = std::max(monotone_degree[k], static_cast<int>(degrees) - 1);
+    const int ne = std::max<int>(monotone_degree[k], degrees - 1);
     Eigen::MatrixXd c(n, nc + 1), e(n, ne + 1);
     for_each_coordinate(
         points_.col(k),

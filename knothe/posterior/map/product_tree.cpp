@@ -15,9 +15,9 @@ ProductTree::ProductTree(const std::vector<const std::vector<MultiIndex>*>& sets
     return last_a != last_b ? last_a < last_b : a < b;
   };
   std::map<Factors, int, decltype(before)> number(before);
-  const auto prefix_of = [](const MultiIndex& index, std::size_t k) {
+  const auto prefix_of = [](const MultiIndex& index, Index k) {
     Factors factors = index.factors;
-    while (!factors.empty() && factors.back().variable >= static_cast<int>(k)) factors.pop_back();
+    while (!factors.empty() && factors.back().variable >= k) factors.pop_back();
     return factors;
   };
   for (Index k = 0; k < std::ssize(sets); ++k)
@@ -37,9 +37,9 @@ ProductTree::ProductTree(const std::vector<const std::vector<MultiIndex>*>& sets
     Factors rest(factors.begin(), factors.end() - 1);
     products.push_back({number.at(rest), variable, degree});
   }
-  for (std::size_t v = 0; v <= sets.size(); ++v)
+  for (Index v = 0; v <= std::ssize(sets); ++v)
     begin[v] = std::partition_point(products.begin(), products.end(),
-                                    [&](const Product& p) { return p.variable < static_cast<int>(v); }) -
+                                    [&](const Product& p) { return p.variable < v; }) -
                products.begin();
   for (Index k = 0; k < std::ssize(sets); ++k) {
     of_index.emplace_back();

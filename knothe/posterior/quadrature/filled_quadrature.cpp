@@ -62,7 +62,7 @@ struct Grid {
       : first(from), spacing(step) {
     for (Index k = 0; k < 3; ++k) {
       const double intervals = std::ceil(std::min((to[k] - from[k]) / step[k], 1e9) - 1e-9);
-      nodes[k] = static_cast<Index>(intervals) + 1;
+      nodes[k] = intervals + 1;
       count = std::max(count, nodes[k]);
     }
     count = (count + k_segment - 1) / k_segment * k_segment;
@@ -70,7 +70,7 @@ struct Grid {
   /// The nodes of each axis, count × 3.
   [[nodiscard]] Eigen::MatrixXd axes() const {
     Eigen::MatrixXd result(count, 3);
-    for (Index i = 0; i < count; ++i) result.row(i) = (first + static_cast<double>(i) * spacing).transpose();
+    for (Index i = 0; i < count; ++i) result.row(i) = (first + i * spacing).transpose();
     return result;
   }
   /// Nodes of the first two axes at which row `row` lies.
@@ -162,7 +162,7 @@ class Fill {
         planes_(grid.nodes[0]),
         lines_(grid.nodes[1]),
         segments_((grid.nodes[2] + length_ - 1) / length_) {
-    if (planes_ * static_cast<double>(lines_) * segments_ > k_max_places) {
+    if (1.0 * planes_ * lines_ * segments_ > k_max_places) {
       too_many_ = true;
       return;
     }
@@ -175,9 +175,8 @@ class Fill {
     if (too_many_) return;
     std::array<Index, 3> at{};
     for (Index k = 0; k < 3; ++k) {
-      const auto axis = static_cast<std::size_t>(k);
       const double i = std::round((z[k] - grid_.first[k]) / grid_.spacing[k]);
-      at[axis] = std::clamp<Index>(static_cast<Index>(i), 0, grid_.nodes[axis] - 1);
+      at[k] = std::clamp<Index>(i, 0, grid_.nodes[k] - 1);
     }
     want(at[0], at[1], at[2] / length_);
   }
@@ -223,8 +222,8 @@ class Fill {
     top_ = std::max(top_, values_.maxCoeff());
     const auto old = std::ssize(all_values_);
     all_values_.insert(all_values_.end(), values_.data(), values_.data() + values_.size());
-    for (std::size_t i = 0; i < wave_.size(); ++i) {
-      const Index at = old + static_cast<Index>(i) * length_;
+    for (Index i = 0; i < std::ssize(wave_); ++i) {
+      const Index at = old + i * length_;
       found_.push_back({wave_[i], at});
       want_neighbours(wave_[i], all_values_.data() + at);
     }
@@ -307,9 +306,8 @@ std::vector<Eigen::Vector3d> scan(GridDensity& target, const Grid& grid) {
 bool grow(const Fill::Faces& touched, Eigen::Vector3d& first, Eigen::Vector3d& last) {
   const Eigen::Vector3d from = first, to = last, step = (last - first) / 2;
   for (Index k = 0; k < 3; ++k) {
-    const auto axis = static_cast<std::size_t>(k);
-    if (touched.low[axis]) first[k] = std::max(from[k] - step[k], -k_lattice_range);
-    if (touched.high[axis]) last[k] = std::min(to[k] + step[k], k_lattice_range);
+    if (touched.low[k]) first[k] = std::max(from[k] - step[k], -k_lattice_range);
+    if (touched.high[k]) last[k] = std::min(to[k] + step[k], k_lattice_range);
   }
   return first != from || last != to;
 }

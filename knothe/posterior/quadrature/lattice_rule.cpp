@@ -26,7 +26,7 @@ void Marginals::add(const numerics::GridRun& run, const Eigen::VectorXd& weights
   const auto of_run = weights(Eigen::seqN(run.at + first - run.begin, n, stride));
   mass.rightCols<1>()(Eigen::seqN(first, n, stride)) += of_run;
   const double total = of_run.sum();
-  for (std::size_t k = 0; k < row.size(); ++k) mass(row[k], static_cast<Index>(k)) += total;
+  for (Index k = 0; k < std::ssize(row); ++k) mass(row[k], k) += total;
   sum += total;
 }
 
@@ -43,7 +43,7 @@ double Marginals::change_from(const Marginals& coarser, Index k) const {
 }
 
 Eigen::RowVectorXd Marginals::quantiles(Index k, const Eigen::Ref<const Eigen::VectorXd>& line) const {
-  const auto n = static_cast<std::size_t>(line.size());
+  const std::size_t n = line.size();
   return quantiles_of_nodes({line.data(), n}, {mass.col(k).data(), n}, line[1] - line[0]);
 }
 

@@ -30,9 +30,9 @@ class Bins {
   [[nodiscard]] double density(double point, double width) const {
     const double kernel = std::sqrt(width * width - spacing_ * spacing_ / 6);
     const double place = (point - from_) / spacing_, reach = 6 * width / spacing_;
-    const auto last = static_cast<double>(weights_.size() - 1);
-    const auto begin = static_cast<std::size_t>(std::max(0.0, std::ceil(place - reach)));
-    const auto end = static_cast<std::size_t>(std::min(last, std::floor(place + reach)));
+    const double last = weights_.size() - 1;
+    const std::size_t begin = std::max(0.0, std::ceil(place - reach));
+    const std::size_t end = std::min(last, std::floor(place + reach));
     double sum = 0;
     for (std::size_t bin = begin; bin <= end; ++bin)
       if (weights_[bin] > 0) sum += weights_[bin] * numerics::normal_pdf((bin - place) * spacing_ / kernel);

@@ -112,7 +112,7 @@ struct Grid {
   /// The nodes of each axis, count × d.
   [[nodiscard]] Eigen::MatrixXd axes() const {
     Eigen::MatrixXd nodes(count, dimension());
-    for (Index i = 0; i < count; ++i) nodes.row(i) = (first + static_cast<double>(i) * spacing).transpose();
+    for (Index i = 0; i < count; ++i) nodes.row(i) = (first + i * spacing).transpose();
     return nodes;
   }
   /// Node of axis k < d − 1 at which row `row` lies.
@@ -128,7 +128,7 @@ struct Grid {
 };
 
 Grid make_grid(const Eigen::VectorXd& first, const Eigen::VectorXd& last, Index count) {
-  return {first, (last - first) / static_cast<double>(count - 1), count};
+  return {first, (last - first) / (count - 1), count};
 }
 
 std::vector<GridRun> all_nodes(const Grid& grid) {
@@ -179,7 +179,7 @@ struct Extent {
     low.fill(grid.count - 1);
     const Index d = grid.dimension();
     const auto widen = [&](Index axis, Index at) {
-      const auto k = static_cast<std::size_t>(axis);
+      const std::size_t k = axis;
       low[k] = std::min(low[k], at);
       high[k] = std::max(high[k], at);
     };
@@ -213,7 +213,7 @@ Grid find_window(GridDensity& target, Eigen::VectorXd& values) {
     double shrink = 1;  // of the axis that shrinks most
     bool grown = false;
     for (Index k = 0; k < d; ++k) {
-      const auto axis = static_cast<std::size_t>(k);
+      const std::size_t axis = k;
       Index from = std::max<Index>(extent.low[axis] - 1, 0);
       Index to = std::min<Index>(extent.high[axis] + 1, count - 1);
       if (extent.low[axis] == 0 && grid.first[k] > -frame.limit) from = -count / 4, grown = true;
@@ -277,8 +277,7 @@ Marginals marginals(const Grid& grid, const std::vector<GridRun>& runs, const Ei
   for (const GridRun& run : runs) {
     if (!grid.is_every(stride, run.row)) continue;
     for (Index k = 0; k + 1 < d; ++k) row[k] = grid.place(run.row, k);
-    result.add(run, weights, (run.begin + stride - 1) / stride * stride, stride,
-               {row.data(), static_cast<std::size_t>(d - 1)});
+    result.add(run, weights, (run.begin + stride - 1) / stride * stride, stride, std::span(row).first(d - 1));
   }
   return result;
 }
@@ -352,7 +351,7 @@ void set_points(QuadraturePosterior& posterior, const Frame& frame, const Grid& 
     posterior.turned_points = frame.to_z(numerics::nodes_of(grid.axes(), runs)(kept, Eigen::all));
   }
   weights = std::move(of_points);
-  posterior.cell = static_cast<double>(2 * stride) * grid.spacing.asDiagonal().toDenseMatrix();
+  posterior.cell = 2.0 * stride * grid.spacing.asDiagonal().toDenseMatrix();
   if (frame.axes.size() > 0) posterior.cell = (frame.axes * posterior.cell).eval();
 }
 
@@ -362,7 +361,7 @@ Eigen::MatrixXd quantiles(const QuadraturePosterior& posterior, const Frame& fra
   const Index d = grid.dimension();
   Eigen::MatrixXd result(d, std::ssize(k_quantile_levels));
   const Eigen::MatrixXd lines = grid.axes();
-  const auto n = static_cast<std::size_t>(posterior.weights.size());
+  const std::size_t n = posterior.weights.size();
   for (Index k = 0; k < d; ++k) {
     if (frame.axes.size() == 0) {
       result.row(k) = all.quantiles(k, lines.col(k));
@@ -415,7 +414,7 @@ QuadraturePosterior tensor_quadrature(LogDensity& target, const QuadratureOption
   for (Index factor = 1, done = 1;; factor *= 2) {
     if (factor > 1) {
       grid.count = (coarse.count - 1) * factor + 1;
-      grid.spacing = coarse.spacing / static_cast<double>(factor);
+      grid.spacing = coarse.spacing / factor;
       runs = nodes_near_mass(coarse, coarse_values, grid, factor);
       result = integrate(grid, runs, density.evaluate(grid, runs), frame.log_volume(), all);
       done = factor;

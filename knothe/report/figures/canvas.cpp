@@ -58,15 +58,14 @@ Rgb rgb_of(const std::string& colour) {
 }
 
 Canvas::Canvas(int width, int height, Rgb background) : width_(width), height_(height) {
-  pixels_.reserve(3 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+  pixels_.reserve(std::size_t{3} * width * height);
   for (int i = 0; i < width * height; ++i)
     pixels_.insert(pixels_.end(), background.begin(), background.end());
 }
 
 void Canvas::blend(int x, int y, Rgb colour, double opacity) {
   if (x < 0 || y < 0 || x >= width_ || y >= height_) return;
-  const std::size_t at =
-      3 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) + static_cast<std::size_t>(x));
+  const std::size_t row = y, at = 3 * (row * width_ + x);
   for (std::size_t c = 0; c < 3; ++c)
     pixels_[at + c] = std::lround((1 - opacity) * pixels_[at + c] + opacity * colour[c]);
 }
@@ -78,8 +77,8 @@ void Canvas::fill(int x, int y, int width, int height, Rgb colour) {
 
 void Canvas::line(double x0, double y0, double x1, double y1, Rgb colour, double thickness) {
   const double reach = 0.5 * thickness + 1, dx = x1 - x0, dy = y1 - y0, squared = dx * dx + dy * dy;
-  for (int y = static_cast<int>(std::floor(std::min(y0, y1) - reach)); y <= std::max(y0, y1) + reach; ++y)
-    for (int x = static_cast<int>(std::floor(std::min(x0, x1) - reach)); x <= std::max(x0, x1) + reach; ++x) {
+  for (int y = std::floor(std::min(y0, y1) - reach); y <= std::max(y0, y1) + reach; ++y)
+    for (int x = std::floor(std::min(x0, x1) - reach); x <= std::max(x0, x1) + reach; ++x) {
       const double along = squared > 0 ? std::clamp(((x - x0) * dx + (y - y0) * dy) / squared, 0.0, 1.0) : 0;
       const double distance = std::hypot(x - x0 - along * dx, y - y0 - along * dy);
       blend(x, y, colour, std::clamp(0.5 * thickness + 0.5 - distance, 0.0, 1.0));
@@ -97,7 +96,7 @@ void Canvas::text(int x, int y, const std::string& words, Rgb colour, int size) 
 }
 
 int Canvas::text_width(const std::string& words, int size) {
-  return static_cast<int>(words.size()) * k_advance * size;
+  return std::ssize(words) * k_advance * size;
 }
 
 void Canvas::write(const std::string& path) const {

@@ -43,10 +43,10 @@ constexpr std::array<Colour, 7> k_diverging = {{{5, 72, 140},
 template <std::size_t n>
 std::string sample(const std::array<Colour, n>& table, double fraction) {
   const double at = std::clamp(fraction, 0.0, 1.0) * (n - 1);
-  const auto lower = std::min(static_cast<std::size_t>(at), n - 2);
+  const auto lower = std::min<std::size_t>(at, n - 2);
   const double part = at - lower;
-  const auto channel = [&](int c) {
-    return static_cast<int>(std::lround((1 - part) * table[lower][c] + part * table[lower + 1][c]));
+  const auto channel = [&](int c) -> int {
+    return std::lround((1 - part) * table[lower][c] + part * table[lower + 1][c]);
   };
   return fmt::format("#{:02x}{:02x}{:02x}", channel(0), channel(1), channel(2));
 }
@@ -92,7 +92,7 @@ std::string blue_white_red(double fraction) {
 }
 
 Paint Paint::series(int index) {
-  const auto i = static_cast<std::size_t>(std::abs(index)) % k_series_light.size();
+  const auto i = std::abs(index) % std::ssize(k_series_light);
   return {fmt::format("ks{}", i), k_series_light[i]};
 }
 

@@ -37,10 +37,10 @@ void set_range(Map& map) {
   for (const float v : map.values)
     if (std::isfinite(v)) seen.push_back(v);
   if (seen.empty()) return;
-  const auto at = [&](double share) {
+  const auto at = [&](double share) -> double {
     const auto place = seen.begin() + static_cast<std::ptrdiff_t>(share * (seen.size() - 1));
     std::nth_element(seen.begin(), place, seen.end());
-    return static_cast<double>(*place);
+    return *place;
   };
   map.low = at(0.01), map.high = at(0.99);
   if (map.has_sign) map.high = std::max(std::abs(map.low), std::abs(map.high)), map.low = -map.high;
@@ -58,12 +58,12 @@ std::vector<float> over_pixels(const imaging::ImageCorrelation& correlation, con
     if (valid[e] == 0) continue;
     const auto& pixels = table.elements()[e];
     std::array<double, 4> c{};
-    for (std::size_t a = 0; a < static_cast<std::size_t>(ImageMesh::nodes_of(mesh.elements[e])); ++a)
+    for (int a = 0; a < ImageMesh::nodes_of(mesh.elements[e]); ++a)
       for (std::size_t m = 0; m < 4; ++m) c[m] += pixels.coefficients[a][m] * at_node(mesh.elements[e][a]);
     for (const auto& row : table.rows(pixels))
       for (int k = 0; k < row.count; ++k) {
         const auto [x, y] = table.coordinates(pixels, row, k);
-        out[picture.index(row.x + k, row.y)] = static_cast<float>(c[0] + c[1] * x + c[2] * y + c[3] * x * y);
+        out[picture.index(row.x + k, row.y)] = c[0] + c[1] * x + c[2] * y + c[3] * x * y;
       }
   }
   return out;
@@ -100,20 +100,18 @@ std::vector<double> round_numbers(double low, double high) {
 /// As many decimals as their differences need.
 std::string number_text(double number, const std::vector<double>& among) {
   const double step = among.size() > 1 ? among[1] - among[0] : 1;
-  return fmt::format("{:.{}f}", number,
-                     std::clamp(static_cast<int>(std::ceil(-std::log10(step) - 1e-9)), 0, 6));
+  return fmt::format("{:.{}f}", number, std::clamp<int>(std::ceil(-std::log10(step) - 1e-9), 0, 6));
 }
 
 void draw_bar(Canvas& canvas, int x, int y, int height, const Map& map) {
   constexpr int k_width = 16;
   for (int j = 0; j < height; ++j) {
-    const double fraction = 1 - static_cast<double>(j) / std::max(1, height - 1);
+    const double fraction = 1 - 1.0 * j / std::max(1, height - 1);
     canvas.fill(x, y + j, k_width, 1, rgb_of(map.has_sign ? blue_white_red(fraction) : viridis(fraction)));
   }
   const std::vector<double> numbers = round_numbers(map.low, map.high);
   for (const double number : numbers) {
-    const int at = y + height - 1 -
-                   static_cast<int>(std::lround((number - map.low) / (map.high - map.low) * (height - 1)));
+    const int at = y + height - 1 - std::lround((number - map.low) / (map.high - map.low) * (height - 1));
     canvas.fill(x + k_width / 2, at, k_width / 2, 2,
                 k_ink);  // inside the bar: beside it, it would be a minus
     const std::string text = number_text(number, numbers);
@@ -141,8 +139,7 @@ void draw_axes(Canvas& canvas, int left, int top, const View& view,
   };
   const auto along = round_numbers(std::min(from[0], to[0]), std::max(from[0], to[0]));
   for (const double number : along) {
-    const int at =
-        left + static_cast<int>(std::lround((number - from[0]) / (to[0] - from[0]) * (view.width - 1)));
+    const int at = left + std::lround((number - from[0]) / (to[0] - from[0]) * (view.width - 1));
     canvas.fill(at, top + view.height, 1, 5, k_ink);
     const std::string text = number_text(number, along);
     const int half = Canvas::text_width(text) / 2;
@@ -152,8 +149,7 @@ void draw_axes(Canvas& canvas, int left, int top, const View& view,
   canvas.text(left + view.width - Canvas::text_width(name(0)), top + view.height + 8, name(0), k_ink);
   const auto up = round_numbers(std::min(from[1], to[1]), std::max(from[1], to[1]));
   for (const double number : up) {
-    const int at =
-        top + static_cast<int>(std::lround((number - from[1]) / (to[1] - from[1]) * (view.height - 1)));
+    const int at = top + std::lround((number - from[1]) / (to[1] - from[1]) * (view.height - 1));
     canvas.fill(left - 5, at, 5, 1, k_ink);
     const std::string text = number_text(number, up);
     if (at - 8 > top + 14) canvas.text(left - 8 - Canvas::text_width(text), at - 8, text, k_ink);
@@ -170,12 +166,11 @@ void draw_map(Canvas& canvas, int left, int top, const View& view,
   top += k_title;
   for (int j = 0; j < view.height; ++j)
     for (int i = 0; i < view.width; ++i) {
-      const int x = static_cast<int>(view.x0 + i / view.scale),
-                y = static_cast<int>(view.y0 + j / view.scale);
+      const int x = view.x0 + i / view.scale, y = view.y0 + j / view.scale;
       const auto grey =
           static_cast<std::uint8_t>(std::clamp(255 * picture.at(x, y) / picture.maximum, 0.0F, 255.0F));
       canvas.blend(left + i, top + j, {grey, grey, grey});
-      const auto value = static_cast<double>(map.values[picture.index(x, y)]);
+      const double value = map.values[picture.index(x, y)];
       if (!std::isfinite(value)) continue;
       const double fraction = (value - map.low) / (map.high - map.low);
       canvas.blend(left + i, top + j, rgb_of(map.has_sign ? blue_white_red(fraction) : viridis(fraction)),
@@ -186,7 +181,7 @@ void draw_map(Canvas& canvas, int left, int top, const View& view,
     if (valid[e] != 0) continue;
     const int n = ImageMesh::nodes_of(mesh.elements[e]);
     const auto place = [&](int a) {
-      const auto node = static_cast<std::size_t>(mesh.elements[e][a % n]);
+      const std::size_t node = mesh.elements[e][a % n];
       return std::array<double, 2>{left + (mesh.x[node] - view.x0) * view.scale,
                                    top + (mesh.y[node] - view.y0) * view.scale};
     };
@@ -344,7 +339,8 @@ void write_deviation_maps(const std::string& path, const imaging::PictureSeries&
             over_pixels(correlation, usable, [&](int a) { return std[2 * a + k]; })};
     if (frame) {
       map.title = fmt::format("std of displacement {}, um", "xyz"[frame->components()[k]]);
-      for (float& v : map.values) v *= static_cast<float>(1e6 * frame->scale());
+      const float micrometres = 1e6 * frame->scale();
+      for (float& v : map.values) v *= micrometres;
     }
     set_range(map);
     const auto [left, top] = corner_of(view, k, 0);

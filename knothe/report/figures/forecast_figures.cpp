@@ -80,7 +80,8 @@ Plot forecast_densities_plot(const record::Results& results, const std::string& 
   }
   if (const auto f = results.forecasts.find(name); f != results.forecasts.end() && f->second.threshold)
     plot.vertical(scale.factor * *f->second.threshold, Paint::faint(), "threshold");
-  plot.colour_bar({"step", first, static_cast<double>(results.steps.back().step), ColourBar::Map::time});
+  const double last = results.steps.back().step;
+  plot.colour_bar({"step", first, last, ColourBar::Map::time});
   return plot;
 }
 
@@ -91,7 +92,7 @@ Plot forecast_convergence_plot(const record::Results& results, const std::string
     const auto found = s.forecast.find(name);
     if (found == s.forecast.end()) continue;
     const record::StepForecast& f = found->second;
-    x.push_back(static_cast<double>(s.step));
+    x.push_back(s.step);
     mean.push_back(scale.factor * f.mean);
     most.push_back(scale.factor * f.maximum_a_posteriori);
     const bool quantiles = !f.values.empty() && f.levels.front() < 0.03 && f.levels.back() > 0.97;

@@ -31,8 +31,7 @@ OuterFace outer_face(const model::Mesh& mesh) {
   double top = -INFINITY, extent = 0.0;
   for (std::size_t i = 0; i < mesh.point_count(); ++i) {
     top = std::max(top, mesh.points[3 * i + 2]);
-    for (int c = 0; c < 3; ++c)
-      extent = std::max(extent, std::abs(mesh.points[3 * i + static_cast<std::size_t>(c)]));
+    for (int c = 0; c < 3; ++c) extent = std::max(extent, std::abs(mesh.points[3 * i + c]));
   }
   OuterFace face;
   std::map<std::size_t, std::size_t> own_number;
@@ -41,8 +40,8 @@ OuterFace outer_face(const model::Mesh& mesh) {
       std::array<std::size_t, 4> nodes{};
       bool outside = true;
       for (std::size_t k = 0; k < 4; ++k) {
-        const auto node = mesh.cells[8 * cell + static_cast<std::size_t>(corners[k])];
-        if (node < 0 || static_cast<std::size_t>(node) >= mesh.point_count())
+        const std::int64_t node = mesh.cells[8 * cell + corners[k]], points = mesh.point_count();
+        if (node < 0 || node >= points)
           throw DataError(fmt::format("mesh/cells[{},{}] = {}: no such point", cell, corners[k], node));
         nodes[k] = node;
         outside = outside && mesh.points[3 * nodes[k] + 2] >= top - 1e-6 * extent;
@@ -125,8 +124,7 @@ Plot mesh_plot(const std::string& title, const OuterFace& face, std::span<const 
     }
     // Split where the colour changes within the element, so that coarse elements are shaded too.
     const auto [least, most] = std::minmax_element(v.begin(), v.end());
-    const int parts =
-        std::clamp(static_cast<int>(std::ceil((*most - *least) / (high - low) * k_colours / 3.0)), 1, 6);
+    const int parts = std::clamp<int>(std::ceil((*most - *least) / (high - low) * k_colours / 3.0), 1, 6);
     for (int i = 0; i < parts; ++i)
       for (int j = 0; j < parts; ++j) {
         const double s0 = double(i) / parts, s1 = double(i + 1) / parts, t0 = double(j) / parts,

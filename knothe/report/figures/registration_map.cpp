@@ -20,10 +20,8 @@ constexpr Rgb k_ink{20, 20, 20}, k_outline{0, 200, 255}, k_used{255, 235, 0}, k_
 
 void write_registration_map(const std::string& path, const files::Picture& picture,
                             const imaging::OutlineFit& fit) {
-  const double scale =
-      std::min(2.0, static_cast<double>(k_longest) / std::max(picture.width, picture.height));
-  const int width = static_cast<int>(picture.width * scale),
-            height = static_cast<int>(picture.height * scale);
+  const double scale = std::min(2.0, 1.0 * k_longest / std::max(picture.width, picture.height));
+  const int width = picture.width * scale, height = picture.height * scale;
   Canvas canvas(std::max(k_min_width, width) + 2 * k_gap, height + k_head + 2 * k_gap);
   const double mm = 1e3 * fit.frame.scale();
   canvas.text(
@@ -33,13 +31,13 @@ void write_registration_map(const std::string& path, const files::Picture& pictu
       k_ink);
   canvas.text(k_gap, k_gap + 24,
               fmt::format("edges: {} used (yellow), {} not (red), {:.2f} px about the line", fit.used,
-                          static_cast<int>(fit.edges.size()) - fit.used, fit.misfit),
+                          std::ssize(fit.edges) - fit.used, fit.misfit),
               k_ink);
   const int top = k_gap + k_head;
   for (int j = 0; j < height; ++j)
     for (int i = 0; i < width; ++i) {
-      const float level = picture.at(std::min(picture.width - 1, static_cast<int>(i / scale)),
-                                     std::min(picture.height - 1, static_cast<int>(j / scale)));
+      const float level = picture.at(std::min<int>(picture.width - 1, i / scale),
+                                     std::min<int>(picture.height - 1, j / scale));
       const auto grey = static_cast<std::uint8_t>(std::clamp(255 * level / picture.maximum, 0.0F, 255.0F));
       canvas.blend(k_gap + i, top + j, {grey, grey, grey});
     }

@@ -18,8 +18,8 @@ double fraction(const record::Results& results, std::size_t i) {
 }
 
 ColourBar step_bar(const record::Results& results) {
-  return {"step", static_cast<double>(results.steps.front().step),
-          static_cast<double>(results.steps.back().step), ColourBar::Map::time};
+  const double first = results.steps.front().step, last = results.steps.back().step;
+  return {"step", first, last, ColourBar::Map::time};
 }
 
 /// log det of a covariance; of its diagonal where it is not positive definite.
@@ -49,8 +49,7 @@ std::size_t place_on_curve(const record::Results& results, std::size_t i) {
 void mark_untrusted(Plot& plot, const record::Results& results, const std::vector<double>& y) {
   std::vector<double> x, at;
   for (std::size_t i = 0; i < results.steps.size(); ++i)
-    if (!results.steps[i].trusted)
-      x.push_back(static_cast<double>(results.steps[i].step)), at.push_back(y[i]);
+    if (!results.steps[i].trusted) x.push_back(results.steps[i].step), at.push_back(y[i]);
   if (!x.empty()) plot.scatter(x, at, Paint::truth(), "not trusted", 3.5);
 }
 
@@ -191,9 +190,8 @@ Plot cost_plot(const record::Results& results) {
   }
   Plot plot("Order of the map and time per step", {"step"}, {"order of the map", 0.0});
   plot.right_axis(cost);
-  plot.bars(
-      x, record::over_steps(results, [](const record::Step& s) { return static_cast<double>(s.map_order); }),
-      0.8, Paint::series(5), "order of the map");
+  plot.bars(x, record::over_steps(results, [](const record::Step& s) -> double { return s.map_order; }), 0.8,
+            Paint::series(5), "order of the map");
   plot.line(x, update, Paint::series(1), "time of an update", {1.8}, Side::right);
   return plot;
 }
@@ -221,7 +219,7 @@ Plot load_plot(const record::Results& results) {
 Plot information_plot(const record::Results& results) {
   std::vector<double> x, gain;
   for (std::size_t i = 1; i < results.steps.size(); ++i) {
-    x.push_back(static_cast<double>(results.steps[i].step));
+    x.push_back(results.steps[i].step);
     gain.push_back(0.5 * (log_determinant(results.steps[i - 1]) - log_determinant(results.steps[i])));
   }
   Plot plot("Information gained per step", {"step"}, {"entropy reduction (nats)"});

@@ -25,7 +25,7 @@ void require_finite(const std::vector<double>& values, const std::string& label,
 constexpr const char* k_font = "system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif";
 
 std::string document(const Figure& figure, bool standalone) {
-  const auto count = static_cast<int>(figure.plots.size());
+  const int count = figure.plots.size();
   const int columns = std::clamp(figure.columns, 1, std::max(count, 1));
   const int rows = (count + columns - 1) / columns;
   constexpr double gap = 22.0;

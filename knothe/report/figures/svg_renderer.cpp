@@ -185,9 +185,7 @@ class PlotRenderer {
     right_.from = box_bottom_, right_.to = box_top_;
   }
 
-  [[nodiscard]] int vertical_ticks() const {
-    return std::clamp(static_cast<int>((box_bottom_ - box_top_) / 42.0), 3, 7);
-  }
+  [[nodiscard]] int vertical_ticks() const { return std::clamp<int>((box_bottom_ - box_top_) / 42.0, 3, 7); }
 
   void keep_aspect() {
     const double per_x = (x_.high - x_.low) / (box_right_ - box_left_);
@@ -261,8 +259,7 @@ class PlotRenderer {
       svg += line_at(box_left_, y, box_right_, y, grid);
       svg += text_at(box_left_ - 6, y + 4, y_ticks_.labels[i], "end", k_subdued);
     }
-    const record::Ticks x_ticks =
-        x_.ticks(std::clamp(static_cast<int>((box_right_ - box_left_) / 70.0), 3, 9));
+    const record::Ticks x_ticks = x_.ticks(std::clamp<int>((box_right_ - box_left_) / 70.0, 3, 9));
     for (std::size_t i = 0; i < x_ticks.values.size(); ++i) {
       const double x = x_(x_ticks.values[i]);
       svg += line_at(x, box_bottom_, x, box_bottom_ + 4, axis);

@@ -27,7 +27,7 @@ std::vector<std::size_t> alarms(const record::Results& results) {
 void mark_alarms(Plot& plot, const record::Results& results, const std::vector<double>& y) {
   std::vector<double> x, at;
   for (const std::size_t i : alarms(results)) {
-    x.push_back(static_cast<double>(results.steps[i].step));
+    x.push_back(results.steps[i].step);
     at.push_back(y[i]);
   }
   if (!x.empty()) plot.scatter(x, at, Paint::truth(), "alarm", 4.5);
@@ -142,7 +142,7 @@ Plot alarm_plot(const record::Results& results) {
 Plot residual_plot(const record::Results& results) {
   std::vector<double> x, y;
   for (std::size_t i = 0; i < results.residuals.step.size(); ++i) {
-    x.push_back(static_cast<double>(results.residuals.step[i]));
+    x.push_back(results.residuals.step[i]);
     y.push_back(1e6 * results.residuals.step_rms[i]);
   }
   Plot plot("Measured minus predicted, all sensors", {"step"}, {"root mean square (µm)", 0.0});
@@ -240,7 +240,7 @@ Plot model_probability_plot(const record::Results& results) {
     for (const record::Step& s : results.steps) {
       const auto found = s.models.find(name);
       if (found == s.models.end()) continue;
-      x.push_back(static_cast<double>(s.step));
+      x.push_back(s.step);
       y.push_back(found->second.probability);
     }
     plot.line(x, y, Paint::series(colour++), name, {2.0});

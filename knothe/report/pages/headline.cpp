@@ -111,12 +111,11 @@ std::vector<Card> headline(const record::Results& results) {
 
 TableRow map_order_row(const record::Results& results) {
   const auto& steps = results.steps;
-  const auto highest =
-      static_cast<std::size_t>(std::max_element(steps.begin(), steps.end(),
-                                                [](const record::Step& a, const record::Step& b) {
-                                                  return a.map_order < b.map_order;
-                                                }) -
-                               steps.begin());
+  const std::size_t highest = std::max_element(steps.begin(), steps.end(),
+                                               [](const record::Step& a, const record::Step& b) {
+                                                 return a.map_order < b.map_order;
+                                               }) -
+                              steps.begin();
   std::size_t first = highest, end = highest;
   const int floor = std::max(2, steps[highest].map_order - 1);
   for (std::size_t i = 0; i < steps.size(); ++i)
@@ -131,8 +130,8 @@ TableRow map_order_row(const record::Results& results) {
 
 std::vector<TableRow> comparison_with_paper(const record::Results& results) {
   const auto index = [&](const char* name) {
-    for (std::size_t d = 0; d < results.parameters.size(); ++d)
-      if (results.parameters[d].name == name) return static_cast<int>(d);
+    for (int d = 0; d < std::ssize(results.parameters); ++d)
+      if (results.parameters[d].name == name) return d;
     return -1;
   };
   const int y0 = index("Y0"), ad = index("Ad");

@@ -157,7 +157,7 @@ void add_orders(Page& page, const Json& content, const Content& c) {
   page.section("Objective and diagnostic over order");
   Numbers order, shown;
   for (std::size_t i = 0; i < diagnostic.size(); ++i) {
-    order.push_back(static_cast<double>(i + 1));
+    order.push_back(i + 1);
     shown.push_back(std::max(diagnostic[i], 1e-16));
   }
   std::vector<Figure> figures;

@@ -67,7 +67,7 @@ Figure curve_figure(const project::SelectionSetup& setup, const assimilation::Se
   Figure figure{"Posterior standard deviation against number of dofs", {}};
   figure.columns = 2;
   for (std::size_t k = 0; k < setup.model.dimension(); ++k) {
-    const auto j = static_cast<Eigen::Index>(k);
+    const Eigen::Index j = k;
     const std::string name = setup.model.parameter_names()[k];
     PlotAxis vertical{"posterior std of " + name};
     vertical.logarithmic = true;
@@ -76,7 +76,7 @@ Figure curve_figure(const project::SelectionSetup& setup, const assimilation::Se
     for (const assimilation::SelectionCurve& curve : study.curves) {
       std::vector<double> x = {0}, y = {study.prior_std[j]};
       for (Eigen::Index i = 0; i < curve.posterior_std.rows(); ++i) {
-        x.push_back(static_cast<double>(i + 1));
+        x.push_back(i + 1);
         y.push_back(curve.posterior_std(i, j));
       }
       plot.line(x, y, Paint::series(colour++), curve.name);
@@ -132,7 +132,7 @@ std::string selection_page(const project::Project& project, const project::Selec
                                           setup.candidates.size(), to_text(project.select.criterion)));
   std::vector<Card> cards;
   for (std::size_t k = 0; k < names.size(); ++k) {
-    const auto j = static_cast<Eigen::Index>(k);
+    const Eigen::Index j = k;
     cards.push_back({"std of " + names[k], record::readable(study.ranked.back().posterior_std[j]),
                      fmt::format("prior {}, all dofs {}", record::readable(study.prior_std[j]),
                                  record::readable(study.posterior_std_of_all[j]))});
@@ -152,7 +152,7 @@ std::string selection_page(const project::Project& project, const project::Selec
   std::vector<TableRow> rows;
   for (std::size_t i = 0; i < study.ranked.size(); ++i) {
     const assimilation::RankedDof& r = study.ranked[i];
-    const auto k = static_cast<std::size_t>(r.dof);
+    const std::size_t k = r.dof;
     rows.push_back(
         {{std::to_string(i + 1), std::to_string(setup.candidates[k]),
           fmt::format("{} at ({:.1f}, {:.1f}, {:.1f}) mm", k_letters[setup.sensors.components[k]],

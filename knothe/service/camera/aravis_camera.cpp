@@ -87,7 +87,7 @@ void set_image(ArvCamera* camera, const project::CameraOptions& options) {
   }
   if (!options.region.empty()) {
     Attempt attempt("serve.camera.region");
-    const auto at = [&](std::size_t i) { return static_cast<gint>(options.region[i]); };
+    const auto at = [&](std::size_t i) -> gint { return options.region[i]; };
     arv_camera_set_region(camera, at(0), at(1), at(2), at(3), attempt);
     attempt.require();
     gint x = 0, y = 0, width = 0, height = 0;
@@ -155,7 +155,7 @@ files::Picture picture_of(ArvBuffer* buffer) {
   gint padding = 0, below = 0;
   arv_buffer_get_image_padding(buffer, &padding, &below);
   const std::size_t bytes = deep ? 2 : 1;
-  const std::size_t stride = bytes * width + static_cast<std::size_t>(padding);
+  const std::size_t stride = bytes * width + padding;
   std::size_t size = 0;
   const auto* data = static_cast<const std::uint8_t*>(arv_buffer_get_image_data(buffer, &size));
   if (data == nullptr || width * height == 0 || size < stride * (height - 1) + bytes * width)
@@ -165,7 +165,7 @@ files::Picture picture_of(ArvBuffer* buffer) {
     const std::uint8_t* row = data + stride * y;
     float* out = picture.pixels.data() + width * y;
     for (std::size_t x = 0; x < width; ++x)  // little endian
-      out[x] = static_cast<float>(bytes == 1 ? row[x] : row[2 * x] | row[2 * x + 1] << 8);
+      out[x] = bytes == 1 ? row[x] : row[2 * x] | row[2 * x + 1] << 8;
   }
   return picture;
 }
@@ -197,8 +197,7 @@ class SoftwareTrigger {
     std::unique_lock lock(mutex_);
     const auto start = std::chrono::steady_clock::now();
     for (std::int64_t i = 1; !stop.stop_requested(); ++i) {
-      const auto due =
-          start + std::chrono::duration_cast<std::chrono::nanoseconds>(static_cast<double>(i) * period_);
+      const auto due = start + std::chrono::duration_cast<std::chrono::nanoseconds>(i * period_);
       end_.wait_until(lock, stop, due, [] { return false; });
       if (stop.stop_requested()) return;
       Attempt unseen("");  // that the camera is gone is told by its stream
@@ -223,7 +222,7 @@ class AravisCamera final : public FrameSource {
       arv_camera_gv_set_stream_options(camera, ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED);
     if (options.packet_size && arv_camera_is_gv_device(camera)) {
       Attempt size("serve.camera.packet_size");
-      arv_camera_gv_set_packet_size(camera, static_cast<gint>(*options.packet_size), size);
+      arv_camera_gv_set_packet_size(camera, *options.packet_size, size);
       size.require();
     }
     set_image(camera, options);
@@ -259,8 +258,8 @@ class AravisCamera final : public FrameSource {
       incomplete_.reason = words_of(status);
       return std::nullopt;
     }
-    const auto host_us = static_cast<std::int64_t>(arv_buffer_get_system_timestamp(buffer.get()) / 1000);
-    const auto camera_us = static_cast<std::int64_t>(arv_buffer_get_timestamp(buffer.get()) / 1000);
+    const std::int64_t host_us = arv_buffer_get_system_timestamp(buffer.get()) / 1000;
+    const std::int64_t camera_us = arv_buffer_get_timestamp(buffer.get()) / 1000;
     return Frame{{camera_us > 0 ? camera_us : host_us, host_us, arv_buffer_get_frame_id(buffer.get())},
                  picture_of(buffer.get())};
   }

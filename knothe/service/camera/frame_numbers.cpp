@@ -24,8 +24,8 @@ void FrameNumbers::begin(const std::string& serial, std::optional<double> period
 
 bool FrameNumbers::is_same_clock(const FrameStamp& stamp) const {
   if (last_->session != serial_ && !last_->session.starts_with(serial_ + ".")) return false;
-  const auto camera = static_cast<double>(stamp.camera_us - last_->camera_us);
-  const auto host = static_cast<double>(stamp.host_us - last_->host_us);
+  const double camera = stamp.camera_us - last_->camera_us;
+  const double host = stamp.host_us - last_->host_us;
   return std::abs(camera - host) <= k_tolerance_us + k_relative_tolerance * std::abs(host);
 }
 
@@ -41,7 +41,7 @@ std::int64_t FrameNumbers::steps_since_last(const FrameStamp& stamp, Place& plac
   }
   place.by = same_clock ? By::order : By::host_clock;
   if (!last_id_) return same_clock && stamp.camera_us <= last_->camera_us ? 0 : 1;
-  const auto steps = static_cast<std::int64_t>(stamp.id) - static_cast<std::int64_t>(*last_id_);
+  const std::int64_t id = stamp.id, last_id = *last_id_, steps = id - last_id;
   return steps < 0 ? steps + k_ids : steps;
 }
 

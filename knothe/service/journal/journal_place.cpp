@@ -40,8 +40,7 @@ std::optional<FileHead> WriterLock::head() const noexcept {
   struct stat found {};
   const ssize_t read = ::pread(descriptor_, page.data(), page.size(), 0);
   if (read < 0 || ::fstat(descriptor_, &found) != 0) return std::nullopt;
-  return FileHead{found.st_size,
-                  std::hash<std::string_view>()({page.data(), static_cast<std::size_t>(read)})};
+  return FileHead{found.st_size, std::hash<std::string_view>()(std::string_view(page.data(), read))};
 }
 
 WriterLock::~WriterLock() {

@@ -91,7 +91,7 @@ void check_schema(Database& database) {
 }
 
 void migrate(Database& database) {
-  const auto from = static_cast<std::size_t>(schema_of(database));
+  const std::size_t from = schema_of(database);
   if (from >= k_migrations.size()) return;
   database.execute("BEGIN IMMEDIATE");
   for (std::size_t k = from; k < k_migrations.size(); ++k) database.execute(k_migrations[k]);

@@ -148,7 +148,7 @@ std::vector<double> Measurement::effective_values() const {
 
 likelihood::Datum Measurement::datum() const {
   const std::vector<double> effective = effective_values();
-  const auto index = static_cast<std::size_t>(step);
+  const std::size_t index = step;
   likelihood::Datum datum{
       key, index, index, Eigen::Map<const Eigen::VectorXd>(effective.data(), std::ssize(effective)), {}};
   if (!noise.empty()) datum.noise = noise_of_bytes(noise);

@@ -79,11 +79,10 @@ likelihood::GaussianNoise noise_of_bytes(std::string_view bytes) {
   for (std::uint64_t column = 0; column < n; ++column) {
     if (outer[column] > outer[column + 1]) damaged();
     for (int k = outer[column]; k < outer[column + 1]; ++k)
-      if (inner[k] < (k == outer[column] ? 0 : inner[static_cast<std::size_t>(k) - 1] + 1) ||
-          static_cast<std::uint64_t>(inner[k]) >= n)
+      if (inner[k] < (k == outer[column] ? 0 : inner[k - 1] + 1) || static_cast<std::uint64_t>(inner[k]) >= n)
         damaged();
   }
-  const auto rows = static_cast<Eigen::Index>(n);
+  const Eigen::Index rows = n;
   const Eigen::Map<const Eigen::SparseMatrix<double>> precision(rows, rows, count, outer.data(), inner.data(),
                                                                 values.data());
   return likelihood::GaussianNoise::correlated(precision);

@@ -36,7 +36,7 @@ ServedModel model_of(const JournalReader& journal, const project::Project& proje
 
 /// The data that count, by step and key, as the engine is to see them.
 std::vector<JournalEntry> counting_entries(const JournalReader& journal, const project::UpdateSetup& setup) {
-  const auto sensors = static_cast<std::size_t>(setup.measurements.observation_count());
+  const std::size_t sensors = setup.measurements.observation_count();
   SensorSwitches switches(setup.problem.model->time);
   for (const LogbookEntry& entry : journal.logbook()) switches.add(entry);
   std::vector<JournalEntry> entries;
@@ -73,14 +73,13 @@ std::string csv_of(const Opened& opened) {
     for (std::size_t i = sensors.displacement_count(); i < values.size(); ++i)
       text += fmt::format("{0},{1},,,,{1},{2},{3}\n", files::format_number(entry.measurement.time),
                           sensors.scalars[i - sensors.displacement_count()], files::format_number(values[i]),
-                          files::format_number(std[static_cast<Eigen::Index>(i)]));
+                          files::format_number(std[i]));
     for (std::size_t i = 0; i < sensors.displacement_count(); ++i) {
       const auto at = sensors.point(i);
-      text +=
-          fmt::format("{},s{},{},{},{},{},{},{}\n", files::format_number(entry.measurement.time), i,
-                      files::format_number(at[0]), files::format_number(at[1]), files::format_number(at[2]),
-                      "xyz"[sensors.components[i]], files::format_number(values[i]),
-                      files::format_number(std[static_cast<Eigen::Index>(i)]));
+      text += fmt::format("{},s{},{},{},{},{},{},{}\n", files::format_number(entry.measurement.time), i,
+                          files::format_number(at[0]), files::format_number(at[1]),
+                          files::format_number(at[2]), "xyz"[sensors.components[i]],
+                          files::format_number(values[i]), files::format_number(std[i]));
     }
   }
   return text;

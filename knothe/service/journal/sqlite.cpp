@@ -63,7 +63,7 @@ double Statement::number(int column) const {
 }
 std::string_view Statement::text(int column) const {
   const auto* bytes = static_cast<const char*>(sqlite3_column_blob(statement_.get(), column));
-  const auto size = static_cast<std::size_t>(sqlite3_column_bytes(statement_.get(), column));
+  const std::size_t size = sqlite3_column_bytes(statement_.get(), column);
   return bytes == nullptr ? std::string_view() : std::string_view(bytes, size);
 }
 bool Statement::is_null(int column) const {

@@ -96,7 +96,7 @@ int run_program(const std::vector<std::string>& words, const std::string& text) 
   // A pipe that holds all of it: a program that does not read cannot hold us up.
   (void)::fcntl(ends[1], F_SETPIPE_SZ, static_cast<int>(text.size() + 1));
   (void)::fcntl(ends[1], F_SETFL, O_NONBLOCK);
-  const bool whole = ::write(ends[1], text.data(), text.size()) == static_cast<ssize_t>(text.size());
+  const bool whole = ::write(ends[1], text.data(), text.size()) == std::ssize(text);
   ::close(ends[1]);
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);

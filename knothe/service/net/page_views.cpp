@@ -62,7 +62,7 @@ files::Picture reduced(const files::Picture& picture, int width) {
   files::Picture small;
   small.width = picture.width / by, small.height = picture.height / by;
   small.pixels.assign(small.index(0, small.height), 0.0F);
-  const float scale = 255 / (picture.maximum * static_cast<float>(by * by));
+  const float scale = 255 / (picture.maximum * (by * by));
   for (int y = 0; y < small.height * by; ++y)
     for (int x = 0; x < small.width * by; ++x) small.at(x / by, y / by) += scale * picture.at(x, y);
   return small;
@@ -165,9 +165,8 @@ Json mesh(const Site& site) {
   Json connectivity = Json::array();
   const std::size_t k = model_mesh->nodes_per_cell;
   for (std::size_t c = 0; c < model_mesh->cell_count(); ++c)
-    connectivity.push_back(
-        std::vector<std::int64_t>(model_mesh->cells.begin() + static_cast<std::ptrdiff_t>(c * k),
-                                  model_mesh->cells.begin() + static_cast<std::ptrdiff_t>((c + 1) * k)));
+    connectivity.push_back(std::vector<std::int64_t>(model_mesh->cells.begin() + c * k,
+                                                     model_mesh->cells.begin() + (c + 1) * k));
   Json sensors = Json::array();
   const model::Sensors& places = site.setup().measurements.sensors;
   const Eigen::VectorXd std = site.setup().measurements.noise.measurement().standard_deviations();
@@ -176,11 +175,10 @@ Json mesh(const Site& site) {
                        {"y", places.point(i)[1]},
                        {"z", places.point(i)[2]},
                        {"component", places.components[i]},
-                       {"std", std[static_cast<Eigen::Index>(i)]}});
+                       {"std", std[i]}});
   Json scalars = Json::array();
   for (std::size_t i = 0; i < places.scalars.size(); ++i)
-    scalars.push_back({{"name", places.scalars[i]},
-                       {"std", std[static_cast<Eigen::Index>(places.displacement_count() + i)]}});
+    scalars.push_back({{"name", places.scalars[i]}, {"std", std[places.displacement_count() + i]}});
   return {{"points", triples(model_mesh->points)},
           {"cells", Json::array({{{"type", cell_name(model_mesh->type)}, {"connectivity", connectivity}}})},
           {"sensors", sensors},
@@ -236,9 +234,9 @@ Json field(const Site& site, const std::string& name, const std::string& step, c
     const auto it = std::find(names.begin(), names.end(), parameter.empty() ? names.front() : parameter);
     if (it == names.end())
       throw RequestError(400, "Malformed", fmt::format("there is no parameter \"{}\"", parameter));
-    const auto k = static_cast<std::size_t>(it - names.begin());
+    const std::size_t k = it - names.begin();
     for (std::size_t i = 0; i < found.count; ++i)
-      found.value[i] = found.gradient[i * found.dimension + k] * line->std[static_cast<Eigen::Index>(k)];
+      found.value[i] = found.gradient[i * found.dimension + k] * line->std[k];
     answer["parameter"] = *it;
   }
   answer["values"] = triples(on_mesh.vectors(name, found.value).values);
@@ -268,7 +266,7 @@ Json observations(const Site& site, const std::string& step) {
     const std::string said = line->missing[i] ? "missing" : "used";
     if (i >= places) {
       Json entry = {{"status", said}};
-      if (!line->missing[i]) entry["residual"] = line->residual[static_cast<Eigen::Index>(i)];
+      if (!line->missing[i]) entry["residual"] = line->residual[i];
       scalars[sensors.scalars[i - places]] = entry;
       continue;
     }

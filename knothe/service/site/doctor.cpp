@@ -77,8 +77,8 @@ std::pair<double, double> sync_times(const std::string& folder) {
   const std::string block(4096, 'k');
   for (int i = 0; i < 20; ++i) {
     const auto start = std::chrono::steady_clock::now();
-    const bool written = ::write(file, block.data(), block.size()) == static_cast<ssize_t>(block.size()) &&
-                         ::fdatasync(file) == 0;
+    const bool written =
+        ::write(file, block.data(), block.size()) == std::ssize(block) && ::fdatasync(file) == 0;
     if (!written) times = {};
     if (!written) break;
     times.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
@@ -93,7 +93,7 @@ std::pair<double, double> sync_times(const std::string& folder) {
 void report_disk(Report& report, const std::string& folder) {
   struct statvfs disk {};
   const bool known = ::statvfs(folder.c_str(), &disk) == 0;
-  const double room = known ? disk.f_bavail * static_cast<double>(disk.f_frsize) : 0;
+  const double room = known ? 1.0 * disk.f_bavail * disk.f_frsize : 0;
   report.line(room > 1e9, "disk", fmt::format("{:.1f} GB free in {}", room * 1e-9, folder),
               "a day of one picture every 5 s, 60 sensors, is 20 MB of journal");
   const auto [median, worst] = sync_times(folder);
@@ -232,7 +232,7 @@ bool doctor(const std::string& folder, bool offline_installed, const std::string
   report.line(true, "processor",
               fmt::format("{}, {} cores, {} threads by default", processor(),
                           std::thread::hardware_concurrency(), default_threads()));
-  const double memory = sysconf(_SC_PHYS_PAGES) * static_cast<double>(sysconf(_SC_PAGESIZE));
+  const double memory = 1.0 * sysconf(_SC_PHYS_PAGES) * sysconf(_SC_PAGESIZE);
   report.line(memory > 5e8, "memory", fmt::format("{:.1f} GB", memory * 1e-9),
               "the online service takes some 100 MB");
   std::error_code error;

@@ -54,7 +54,8 @@ bool is_table(const std::string& name) {
 /// Point and component of a sensor.
 std::array<double, 4> key_of(const model::Sensors& sensors, std::size_t i) {
   const auto at = sensors.point(i);
-  return {at[0], at[1], at[2], static_cast<double>(sensors.components[i])};
+  const double component = sensors.components[i];
+  return {at[0], at[1], at[2], component};
 }
 
 /// The last number in a name.
@@ -232,14 +233,13 @@ FolderWatch::StoreOutcome FolderWatch::ingest_table(const std::string& name) {
         throw DataError(
             fmt::format("{}: this site does not take \"{}\"{}", name, series, did_you_mean(series, scalars)));
     const auto steps = likelihood::match_times(table.time, site_->setup().problem.model->time, name);
-    const auto sensors = static_cast<std::size_t>(site_->setup().measurements.observation_count());
+    const std::size_t sensors = site_->setup().measurements.observation_count();
     for (std::size_t t = 0; t < steps.size(); ++t) {
       Measurement measurement;
       measurement.key = {k_csv_source, name, static_cast<std::int64_t>(steps[t])};
       measurement.time = table.time[t];
       measurement.values.assign(sensors, std::numeric_limits<double>::quiet_NaN());
-      for (std::size_t i = 0; i < place.size(); ++i)
-        measurement.values[place[i]] = table.values(i, static_cast<Eigen::Index>(t));
+      for (std::size_t i = 0; i < place.size(); ++i) measurement.values[place[i]] = table.values(i, t);
       for (std::size_t i = 0; i < scalars.size(); ++i)
         if (const auto it = table.series.find(scalars[i]); it != table.series.end())
           measurement.values[behind + i] = it->second.values[t];

@@ -19,7 +19,7 @@ Intake::Intake(std::shared_ptr<Site> site, std::function<bool(double)> wait)
     : site_(std::move(site)), wait_(std::move(wait)) {}
 
 Measurement Intake::without_values(const PictureStamp& stamp) const {
-  const auto sensors = static_cast<std::size_t>(site_->setup().measurements.observation_count());
+  const std::size_t sensors = site_->setup().measurements.observation_count();
   Measurement datum;
   datum.key = stamp.key;
   datum.time = stamp.time;

@@ -506,7 +506,7 @@ JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, Monoton
     written.withdrawn.push_back(entry->measurement);
     // What comes now is judged late by the data that are left: a wrong seq, far ahead, is no more in the way.
     largest_seqs_[{key.source, key.session}] =
-        journal_.largest_seqs(key.source, key.session, static_cast<std::size_t>(options_.window) + 1);
+        journal_.largest_seqs(key.source, key.session, options_.window + 1);
   }
   return Withdrawn{entry->measurement.step, entry->withdrawn};
 }
@@ -550,7 +550,7 @@ RequestError JournalWriter::refusal_after(const LogbookEntry& end) {
 void JournalWriter::count_seq(const likelihood::DatumKey& key) {
   auto& largest = largest_seqs_[{key.source, key.session}];
   largest.insert(std::upper_bound(largest.begin(), largest.end(), key.seq, std::greater<>()), key.seq);
-  if (largest.size() > static_cast<std::size_t>(options_.window) + 1) largest.pop_back();
+  if (std::ssize(largest) > options_.window + 1) largest.pop_back();
 }
 
 JournalWriter::Answer JournalWriter::write(Measurement& datum, MonotonicTime at, Written& written) {

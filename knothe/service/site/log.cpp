@@ -52,7 +52,7 @@ void log_event(const std::string& level, const std::string& what, const Json& mo
   const auto write = [](const std::string& line) {
     // Nobody waits for a reader of the log that does not read: its lines are lost, and counted.
     if (!can_be_written()) return false;
-    return ::write(STDERR_FILENO, line.data(), line.size()) == static_cast<ssize_t>(line.size());
+    return ::write(STDERR_FILENO, line.data(), line.size()) == std::ssize(line);
   };
   if (k_lost > 0 && write(line_of("warning", "lines of the log were lost", {{"lines", k_lost}}))) k_lost = 0;
   if (!write(text)) ++k_lost;

@@ -59,7 +59,7 @@ void notify_systemd(const std::string& text) {
   if (path[0] == '@') address.sun_path[0] = '\0';
   const int number = ::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   if (number < 0) return;
-  const auto size = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + std::strlen(path));
+  const socklen_t size = offsetof(sockaddr_un, sun_path) + std::strlen(path);
   (void)::sendto(number, text.data(), text.size(), MSG_NOSIGNAL, reinterpret_cast<const sockaddr*>(&address),
                  size);
   ::close(number);
@@ -175,7 +175,7 @@ void serve(const project::Project& project, const ServiceOptions& arguments) {
   }
   Api api(sites, api_options, metrics);
   WatchedApi watched(api, sites);
-  allow_descriptors(static_cast<std::size_t>(options.max_connections) + 256);
+  allow_descriptors(options.max_connections + 256);
   HttpServerOptions http_options;
   http_options.address = options.address;
   http_options.port = arguments.port.value_or(options.port);

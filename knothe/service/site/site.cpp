@@ -150,7 +150,7 @@ void Site::doubt(const Measurement& measurement, const std::string& reason) {
                {"seq", measurement.key.seq},
                {"step", measurement.step},
                {"reason", reason}});
-  const auto step = static_cast<std::size_t>(std::max<std::int64_t>(measurement.step, 0));
+  const std::size_t step = std::max<std::int64_t>(measurement.step, 0);
   const auto& key = measurement.key;
   alarms_.update_condition(fmt::format("held {}/{}/{}", escaped(key.source), escaped(key.session), key.seq),
                            step, is_held ? "alarm" : "", "sensors", fmt::format("in quarantine: {}", reason));
@@ -219,7 +219,7 @@ void Site::apply_arrivals(const std::vector<Arrival>& arrivals) {
       if (arrival.kind == Kind::replaced) (void)remove(arrival.measurement);
       if (arrival.kind != Kind::withdrawn) add(arrival.measurement);
       if (arrival.kind == Kind::past)
-        judged_from_ = std::max(judged_from_, static_cast<std::size_t>(arrival.measurement.step));
+        judged_from_ = std::max<std::size_t>(judged_from_, arrival.measurement.step);
     } catch (const std::exception& error) {
       trouble = error.what();
       log_event("error", comes ? "a datum cannot be assimilated" : "a datum cannot be taken out",
@@ -260,7 +260,7 @@ void Site::withdraw(const Measurement& measurement) {
 bool Site::remove(const Measurement& measurement) {
   if (measurement.step < 0 || measurement.step >= std::ssize(setup_.problem.model->time))
     return false;  // it never came in
-  const auto step = static_cast<std::size_t>(measurement.step);
+  const std::size_t step = measurement.step;
   const std::lock_guard lock(engine_mutex_);
   if (engine_->withdraw(step, measurement.key)) {
     if (verifier_)
@@ -455,7 +455,7 @@ double Site::time_of(std::optional<std::int64_t> step) const {
   const std::vector<double>& times = setup_.problem.model->time;
   const auto latest = lines_.latest();
   if (!step) return times[latest ? latest->step : 0];
-  if (static_cast<std::size_t>(*step) >= times.size())
+  if (*step < 0 || *step >= std::ssize(times))
     throw RequestError(
         400, "Malformed",
         fmt::format("\"step\" is {}; the model has the steps 0 to {}", *step, times.size() - 1));
@@ -464,7 +464,7 @@ double Site::time_of(std::optional<std::int64_t> step) const {
 
 std::int64_t Site::sensor_of(const EntryRequest& request) const {
   const model::Sensors& sensors = setup_.measurements.sensors;
-  const auto count = static_cast<std::int64_t>(sensors.displacement_count() + sensors.scalars.size());
+  const std::int64_t count = sensors.displacement_count() + sensors.scalars.size();
   if (request.sensor_index && *request.sensor_index < count) return *request.sensor_index;
   for (std::size_t i = 0; !request.sensor_name.empty() && i < sensors.scalars.size(); ++i)
     if (sensors.scalars[i] == request.sensor_name) return sensors.displacement_count() + i;
@@ -504,7 +504,7 @@ LogbookEntry Site::entry(EntryKind kind, const EntryRequest& request, std::int64
       if (!found)
         throw RequestError(404, "UnknownAlarm",
                            fmt::format("there is no alarm {} among the last {}", alarm, SiteAlarms::k_kept));
-      const auto step = static_cast<std::size_t>(std::max<std::int64_t>(found->step, 0));
+      const std::size_t step = std::max<std::int64_t>(found->step, 0);
       entry.subject = alarm;
       entry.time = setup_.problem.model->time[std::min(step, setup_.problem.model->time.size() - 1)];
       break;
@@ -577,7 +577,7 @@ bool Site::tick() {
   if (!health_.update_state(state)) return false;
   log_event(state.word == "OK" || state.word == "FINISHED" ? "info" : "warning", "state",
             {{"site", name()}, {"state", state.word}, {"reason", state.reason}, {"step", step}});
-  const auto at = static_cast<std::size_t>(std::max<std::int64_t>(step, 0));
+  const std::size_t at = std::max<std::int64_t>(step, 0);
   if (state.word == "STALE" && age) alarms_.raise(at, "warning", "gap", state.reason);
   if (state.word == "DEGRADED" && !replaying) alarms_.raise(at, "warning", "deadline", state.reason);
   return true;

@@ -153,7 +153,7 @@ std::vector<int> shuffled_folds(Index n, int folds, std::uint64_t seed) {
   std::vector<Index> order(fold.size());
   std::iota(order.begin(), order.end(), Index{0});
   std::stable_sort(order.begin(), order.end(), [&](Index a, Index b) { return key[a] < key[b]; });
-  for (Index r = 0; r < std::ssize(order); ++r) fold[order[r]] = r % static_cast<std::size_t>(folds);
+  for (Index r = 0; r < std::ssize(order); ++r) fold[order[r]] = r % folds;
   return fold;
 }
 

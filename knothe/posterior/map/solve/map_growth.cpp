@@ -57,7 +57,7 @@ MapSolver::Workspace::Climb MapSolver::Workspace::climb(CheckedDensity& target, 
                                                         Orientation orientation, int first,
                                                         std::ptrdiff_t warm) {
   const Index d = target.dimension();
-  const auto last = [&] { return static_cast<Index>(tried) - 1; };
+  const auto last = [&]() -> Index { return tried - 1; };
   if (orientation == Orientation::principal) pre_map = principal_axes(pre_map);
   // A family of the caller's own belongs to the caller's coordinates.
   bool may_turn = orientation == Orientation::automatic && d >= 2 && d <= k_max_turned && !options.family;
