@@ -1,5 +1,6 @@
 #pragma once
-/// @file Checks of options that are numbers. What is said of another one: "must be a positive number, not -1".
+/// @file Checks of options that are numbers. What is said of another one: "must be a positive number, not
+/// -1".
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>

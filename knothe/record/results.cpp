@@ -150,6 +150,13 @@ void read_watch(const Located& line, Step& s) {
     s.monitor.alarm = monitor.at("alarm").is_boolean() && monitor.at("alarm").get<bool>();
     s.monitor.discrepancy = monitor.number_or("discrepancy", 0.0);
   }
+  if (line.has("nuisances")) {
+    const Located nuisances = line.object("nuisances");
+    for (const auto& [name, value] : nuisances.value().items()) {
+      const Located error = nuisances.member(name, value);
+      s.lasting_errors.push_back({name, error.number("mean"), error.number("std")});
+    }
+  }
   if (!line.has("models")) return;
   const Located models = line.object("models");
   for (const auto& [name, value] : models.value().items()) {

@@ -65,6 +65,7 @@ struct Residuals {
 struct Step : assimilation::UpdateResult {
   std::vector<double> levels;               ///< of the quantiles
   std::map<std::string, StepModel> models;  ///< by file; empty without candidates
+  std::vector<assimilation::EstimatedError> lasting_errors;
   double update_us = 0.0, forecast_us = 0.0, total_us = 0.0;
   std::map<std::string, DensityCurve> marginals;  ///< by parameter; may be empty
   std::map<std::string, StepForecast> forecast;   ///< by the forecast's name

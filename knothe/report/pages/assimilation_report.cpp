@@ -60,6 +60,15 @@ void add_parameters(Page& page, const record::Results& results) {
   }
   page.figures(convergence,
                "Posterior mean, and the band that holds 95 % of the probability, after each step.");
+  if (results.steps.empty()) return;
+  for (const assimilation::EstimatedError& error : results.steps.back().lasting_errors) {
+    const std::string value = record::with_uncertainty(error.mean, error.std);
+    page.note(
+        error.name == "time_offset"
+            ? fmt::format("The data file's clock is {} ahead of the pictures', in their unit of time.", value)
+            : fmt::format("The error that all values of {} share is {} of its standard deviations.",
+                          error.name, value));
+  }
 }
 
 /// Each pair of the first parameters; nothing for one parameter, or where the file has no draws.
