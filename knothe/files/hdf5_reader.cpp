@@ -165,9 +165,11 @@ void unpack(const Hdf5Reader& file, const std::string& name, std::vector<double>
   for (const char* attribute : {"_FillValue", "missing_value"}) {
     if (!file.has_attribute(name, attribute)) continue;
     const double missing = file.number_attribute(name, attribute);
-    for (double& value : values)
-      if (value == missing || static_cast<float>(value) == static_cast<float>(missing))
-        value = std::numeric_limits<double>::quiet_NaN();
+    const float in_single = missing;
+    for (double& value : values) {
+      const float single = value;
+      if (value == missing || single == in_single) value = std::numeric_limits<double>::quiet_NaN();
+    }
   }
   const auto number = [&](const char* attribute, double otherwise) {
     return file.has_attribute(name, attribute) ? file.number_attribute(name, attribute) : otherwise;

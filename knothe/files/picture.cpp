@@ -161,6 +161,42 @@ bool is_tiff(const std::string& path) {
 
 }  // namespace
 
+Picture picture_formats::oriented(Picture picture, int orientation) {
+  if (orientation < 2 || orientation > 8) return picture;
+  const bool turned = orientation > 4;
+  const int w = picture.width, h = picture.height;
+  const bool from_right = orientation == 2 || orientation == 3 || orientation == 7 || orientation == 8;
+  const bool from_below = orientation == 3 || orientation == 4 || orientation == 6 || orientation == 7;
+  Picture result = picture;
+  result.width = turned ? h : w, result.height = turned ? w : h;
+  for (int y = 0; y < result.height; ++y) {
+    for (int x = 0; x < result.width; ++x) {
+      const int column = turned ? y : x, row = turned ? x : y;  // of the stored picture
+      result.at(x, y) = picture.at(from_right ? w - 1 - column : column, from_below ? h - 1 - row : row);
+    }
+  }
+  return result;
+}
+
+int picture_formats::exif_orientation(std::string_view block) {
+  if (block.size() < 8) return 1;
+  const bool little = block.starts_with("II");
+  const auto number = [&](std::size_t at, int count) {
+    unsigned value = 0;
+    for (int k = 0; k < count; ++k)
+      value |= unsigned{static_cast<unsigned char>(block[at + k])} << 8 * (little ? k : count - 1 - k);
+    return value;
+  };
+  const std::size_t directory = number(4, 4);
+  if (directory > block.size() || block.size() - directory < 2) return 1;
+  const std::size_t count = number(directory, 2);
+  for (std::size_t k = 0; k < count && directory + 14 + 12 * k <= block.size(); ++k) {
+    const std::size_t entry = directory + 2 + 12 * k;
+    if (number(entry, 2) == 0x0112 && number(entry + 2, 2) == 3) return number(entry + 8, 2);
+  }
+  return 1;
+}
+
 Picture read_picture(const std::string& path, Colour colour) {
   std::error_code failure;
   if (!std::filesystem::exists(path, failure)) fail(path, "there is no such picture");

@@ -1,6 +1,7 @@
 #pragma once
 /// @file Picture formats that need a library. Private to the room.
 #include <string>
+#include <string_view>
 
 #include "knothe/files/picture.hpp"
 
@@ -19,6 +20,12 @@ inline constexpr const char* k_colour =
 
 /// The grey level of a pixel in colour. Fails where its channels differ and colour is refused.
 [[nodiscard]] float grey_of(const std::string& path, Colour colour, float red, float green, float blue);
+
+/// The picture as viewers show it: `orientation` as in TIFF and Exif, 1 (as stored) to 8; another number
+/// counts as 1.
+[[nodiscard]] Picture oriented(Picture picture, int orientation);
+/// The orientation that a block of Exif data (TIFF's layout) tells; 1 where it tells none.
+[[nodiscard]] int exif_orientation(std::string_view block);
 
 [[nodiscard]] Picture read_tiff(const std::string& path, std::size_t file_bytes, Colour colour);
 [[nodiscard]] Picture read_png(const std::string& path, const std::string& bytes, Colour colour);

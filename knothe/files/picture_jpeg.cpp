@@ -38,8 +38,15 @@ Picture picture_formats::read_jpeg(const std::string& path, const std::string& b
   Decoder decoder(path);
   jpeg_decompress_struct& jpeg = decoder.jpeg;
   jpeg_mem_src(&jpeg, reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size());
+  jpeg_save_markers(&jpeg, JPEG_APP0 + 1, 0xFFFF);
   jpeg_read_header(&jpeg, TRUE);
+  int orientation = 1;
+  for (const jpeg_marker_struct* marker = jpeg.marker_list; marker != nullptr; marker = marker->next) {
+    const std::string_view block(reinterpret_cast<const char*>(marker->data), marker->data_length);
+    if (block.starts_with(std::string_view("Exif\0\0", 6))) orientation = exif_orientation(block.substr(6));
+  }
   const bool grey = jpeg.num_components == 1;
+  if (jpeg.num_components == 4) fail(path, "a JPEG of four inks (CMYK): save it in grey levels");
   if (!grey && jpeg.num_components != 3) fail(path, k_colour);
   jpeg.out_color_space = grey ? JCS_GRAYSCALE : JCS_RGB;
   Picture picture = sized(path, jpeg.image_width, jpeg.image_height, 8, bytes.size());
@@ -60,7 +67,7 @@ Picture picture_formats::read_jpeg(const std::string& path, const std::string& b
   }
   if (decoder.errors.num_warnings > 0) fail(path, "the JPEG is truncated or damaged");
   jpeg_finish_decompress(&jpeg);
-  return picture;
+  return oriented(std::move(picture), orientation);
 }
 
 }  // namespace knothe::files

@@ -9,12 +9,15 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <limits>
+#include <string_view>
 
 #include <jpeglib.h>  // after <cstdio>
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
+#include "knothe/files/picture_formats.hpp"
 #include "knothe/files/testing/test_folder.hpp"
 
 namespace knothe::files {
@@ -202,6 +205,94 @@ void write_jpeg(const std::string& path, int components, int less_green = 0) {
   jpeg_finish_compress(&jpeg);
   jpeg_destroy_compress(&jpeg);
   std::fclose(file);
+}
+
+struct TiffTags {
+  int samples = 1, bits = 8, format = SAMPLEFORMAT_UINT, photometric = PHOTOMETRIC_MINISBLACK,
+      planes = PLANARCONFIG_CONTIG, orientation = 1;
+};
+
+/// `planes`: the bytes of each row, of each plane where they are apart.
+void write_tags(const std::string& path, int width, int height, const TiffTags& tags,
+                const std::function<std::vector<std::uint8_t>(int plane, int y)>& row) {
+  TIFF* tiff = TIFFOpen(path.c_str(), "w");
+  TIFFSetField(tiff, TIFFTAG_IMAGEWIDTH, width);
+  TIFFSetField(tiff, TIFFTAG_IMAGELENGTH, height);
+  TIFFSetField(tiff, TIFFTAG_BITSPERSAMPLE, tags.bits);
+  TIFFSetField(tiff, TIFFTAG_SAMPLESPERPIXEL, tags.samples);
+  TIFFSetField(tiff, TIFFTAG_SAMPLEFORMAT, tags.format);
+  TIFFSetField(tiff, TIFFTAG_PHOTOMETRIC, tags.photometric);
+  TIFFSetField(tiff, TIFFTAG_PLANARCONFIG, tags.planes);
+  TIFFSetField(tiff, TIFFTAG_ORIENTATION, tags.orientation);
+  TIFFSetField(tiff, TIFFTAG_ROWSPERSTRIP, 1);
+  for (int plane = 0; plane < (tags.planes == PLANARCONFIG_SEPARATE ? tags.samples : 1); ++plane)
+    for (int y = 0; y < height; ++y) TIFFWriteScanline(tiff, row(plane, y).data(), y, plane);
+  TIFFClose(tiff);
+}
+
+/// A 3 × 2 picture 0 1 2 / 3 4 5, stored in each of the eight ways that the standard has, is the same one.
+TEST(Picture, TheOrientationOfATiffIsThatOfViewers) {
+  const TestFolder folder;
+  const std::array<std::vector<std::vector<std::uint8_t>>, 8> stored = {{{{0, 1, 2}, {3, 4, 5}},
+                                                                         {{2, 1, 0}, {5, 4, 3}},
+                                                                         {{5, 4, 3}, {2, 1, 0}},
+                                                                         {{3, 4, 5}, {0, 1, 2}},
+                                                                         {{0, 3}, {1, 4}, {2, 5}},
+                                                                         {{2, 5}, {1, 4}, {0, 3}},
+                                                                         {{5, 2}, {4, 1}, {3, 0}},
+                                                                         {{3, 0}, {4, 1}, {5, 2}}}};
+  for (int orientation = 1; orientation <= 8; ++orientation) {
+    const auto& rows = stored[orientation - 1];
+    const std::string path = folder.file("oriented.tif");
+    write_tags(path, static_cast<int>(rows[0].size()), static_cast<int>(rows.size()),
+               {.orientation = orientation}, [&](int, int y) { return rows[y]; });
+    const Picture picture = read_picture(path);
+    ASSERT_EQ(picture.width, 3) << orientation;
+    EXPECT_THAT(picture.pixels, ::testing::ElementsAre(0, 1, 2, 3, 4, 5)) << orientation;
+  }
+}
+
+TEST(Picture, TiffsWithAlphaOrPlanesApartOrASignAreRead) {
+  const TestFolder folder;
+  const std::string path = folder.file("picture.tif");
+  write_tags(path, 2, 1, {.samples = 2}, [](int, int) { return std::vector<std::uint8_t>{7, 255, 9, 0}; });
+  EXPECT_THAT(read_picture(path).pixels, ::testing::ElementsAre(7, 9));
+  write_tags(path, 2, 1, {.samples = 3, .photometric = PHOTOMETRIC_RGB, .planes = PLANARCONFIG_SEPARATE},
+             [](int, int) {
+               return std::vector<std::uint8_t>{50, 60};
+             });
+  EXPECT_THAT(read_picture(path).pixels, ::testing::ElementsAre(50, 60));
+  write_tags(path, 2, 1, {.samples = 3, .photometric = PHOTOMETRIC_RGB, .planes = PLANARCONFIG_SEPARATE},
+             [](int plane, int) {
+               return std::vector<std::uint8_t>{std::uint8_t(100 * plane), 60};
+             });
+  EXPECT_THAT(reason(path), HasSubstr("in colour"));
+  EXPECT_NEAR(read_picture(path, Colour::grey).pixels[0], 0.587 * 100 + 0.114 * 200, 0.01);
+  write_tags(path, 2, 1, {.bits = 16, .format = SAMPLEFORMAT_INT}, [](int, int) {
+    return std::vector<std::uint8_t>{0x39, 0x30, 0xFF, 0x7F};
+  });
+  EXPECT_THAT(read_picture(path).pixels, ::testing::ElementsAre(12345, 32767));
+  EXPECT_EQ(read_picture(path).maximum, 32767);
+  write_tags(path, 2, 1, {.bits = 16, .format = SAMPLEFORMAT_INT}, [](int, int) {
+    return std::vector<std::uint8_t>{0, 0, 0xFF, 0xFF};
+  });
+  EXPECT_THAT(reason(path), HasSubstr("signed integers, and pixel (1, 0) is negative"));
+  write_tags(path, 1, 1, {.samples = 4, .photometric = PHOTOMETRIC_SEPARATED}, [](int, int) {
+    return std::vector<std::uint8_t>{1, 2, 3, 4};
+  });
+  EXPECT_THAT(reason(path), HasSubstr("a TIFF of inks (CMYK): save it in grey levels"));
+}
+
+TEST(Picture, ExifTellsTheOrientation) {
+  using namespace std::string_literals;
+  const std::string little = "II*\0\x08\0\0\0\x02\0"s + "\x0F\x01\x03\0\x01\0\0\0\x09\0\0\0"s +
+                             "\x12\x01\x03\0\x01\0\0\0\x06\0\0\0"s;
+  const std::string big = "MM\0*\0\0\0\x08\0\x01"s + "\x01\x12\0\x03\0\0\0\x01\0\x03\0\0"s;
+  EXPECT_EQ(picture_formats::exif_orientation(little), 6);
+  EXPECT_EQ(picture_formats::exif_orientation(big), 3);
+  for (std::size_t length = 0; length < little.size(); ++length)  // torn anywhere
+    EXPECT_EQ(picture_formats::exif_orientation(little.substr(0, length)), 1);
+  EXPECT_EQ(picture_formats::exif_orientation("II*\0\xFF\xFF\xFF\xFF"s), 1);
 }
 
 TEST(Picture, JpegIsReadWithARemark) {

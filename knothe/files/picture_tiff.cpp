@@ -86,32 +86,52 @@ Picture picture_formats::read_tiff(const std::string& path, std::size_t file_byt
   TIFFGetField(tiff.get(), TIFFTAG_PHOTOMETRIC, &photometric);
   std::uint16_t planes = PLANARCONFIG_CONTIG;
   TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_PLANARCONFIG, &planes);
-  const bool rgb = photometric == PHOTOMETRIC_RGB && samples >= 3 && planes == PLANARCONFIG_CONTIG &&
-                   (bits == 8 || bits == 16);
+  const bool whole_bytes = bits == 8 || bits == 16;
+  const bool rgb = photometric == PHOTOMETRIC_RGB && samples >= 3 && whole_bytes;
   const bool palette = photometric == PHOTOMETRIC_PALETTE && samples == 1 && bits <= 8;
-  const bool grey =
-      samples == 1 && (photometric == PHOTOMETRIC_MINISBLACK || photometric == PHOTOMETRIC_MINISWHITE);
+  // Further samples are an alpha channel, say.
+  const bool grey = (samples == 1 || whole_bytes) &&
+                    (photometric == PHOTOMETRIC_MINISBLACK || photometric == PHOTOMETRIC_MINISWHITE);
+  if (photometric == PHOTOMETRIC_SEPARATED) fail(path, "a TIFF of inks (CMYK): save it in grey levels");
   if (!grey && !rgb && !palette) fail(path, k_colour);
-  if (format != SAMPLEFORMAT_UINT || bits > 16)
-    fail(path, fmt::format("a TIFF of {} bits a pixel{}; unsigned integers of up to 16 bits can be read",
-                           bits, format == SAMPLEFORMAT_IEEEFP ? ", floating point" : ""));
+  const bool has_sign = format == SAMPLEFORMAT_INT && whole_bytes;
+  if ((format != SAMPLEFORMAT_UINT && !has_sign) || bits > 16)
+    fail(path, fmt::format("a TIFF of {} bits a pixel{}; unsigned integers of up to 16 bits can be read, and "
+                           "signed ones that are not negative",
+                           bits,
+                           format == SAMPLEFORMAT_IEEEFP ? ", floating point"
+                           : format == SAMPLEFORMAT_INT  ? ", signed integers"
+                                                         : ""));
   if (TIFFNumberOfDirectories(tiff.get()) > 1)
     fail(path, "a TIFF of several pages; save one picture per file");
   if (TIFFIsTiled(tiff.get()) != 0) fail(path, "a tiled TIFF; save it in strips");
   Picture picture = sized(path, width, height, palette ? 8 : bits, file_bytes);
+  if (has_sign) picture.maximum = bits == 8 ? 127 : 32767;
   const std::vector<float> levels =
       palette ? palette_levels(tiff.get(), path, bits, colour) : std::vector<float>();
-  std::vector<unsigned char> row(TIFFScanlineSize64(tiff.get()) + 2);
+  const bool apart = samples > 1 && planes == PLANARCONFIG_SEPARATE;  // a row of each sample after the other
+  const std::size_t row_bytes = TIFFScanlineSize64(tiff.get());
+  std::vector<unsigned char> row((apart ? samples : 1) * row_bytes + 2);
   for (std::uint32_t y = 0; y < height; ++y) {
-    if (TIFFReadScanline(tiff.get(), row.data(), y) != 1)
-      fail(path, fmt::format("row {} cannot be read: the file is truncated or damaged ({})", y, last_words));
+    for (std::uint16_t plane = 0; plane < (apart ? samples : 1); ++plane)
+      if (TIFFReadScanline(tiff.get(), row.data() + plane * row_bytes, y, plane) != 1)
+        fail(path,
+             fmt::format("row {} cannot be read: the file is truncated or damaged ({})", y, last_words));
     float* out = picture.pixels.data() + picture.index(0, y);
-    const auto sample = [&](std::size_t k) {
-      return static_cast<float>(bits == 8 ? row[k] : reinterpret_cast<const std::uint16_t*>(row.data())[k]);
+    const auto sample = [&](std::size_t x, std::size_t s) {
+      const std::size_t k = apart ? x : samples * x + s;
+      const unsigned char* of_plane = row.data() + (apart ? s * row_bytes : 0);
+      const unsigned value = bits == 8 ? of_plane[k] : reinterpret_cast<const std::uint16_t*>(of_plane)[k];
+      if (has_sign && value >> (bits - 1) != 0)
+        fail(path,
+             fmt::format("signed integers, and pixel ({}, {}) is negative: grey levels begin at 0", x, y));
+      return static_cast<float>(value);
     };
     if (rgb)
       for (std::size_t x = 0; x < width; ++x)
-        out[x] = grey_of(path, colour, sample(samples * x), sample(samples * x + 1), sample(samples * x + 2));
+        out[x] = grey_of(path, colour, sample(x, 0), sample(x, 1), sample(x, 2));
+    else if (samples > 1 || has_sign)
+      for (std::size_t x = 0; x < width; ++x) out[x] = sample(x, 0);
     else if (palette)
       for (std::size_t x = 0; x < width; ++x) out[x] = levels[packed_sample(row.data(), x, bits)];
     else if (bits == 8)
@@ -123,7 +143,9 @@ Picture picture_formats::read_tiff(const std::string& path, std::size_t file_byt
     if (photometric == PHOTOMETRIC_MINISWHITE)
       for (std::uint32_t x = 0; x < width; ++x) out[x] = picture.maximum - out[x];
   }
-  return picture;
+  std::uint16_t orientation = 1;
+  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_ORIENTATION, &orientation);
+  return oriented(std::move(picture), orientation);
 }
 
 void write_tiff(const std::string& path, const Picture& picture) {

@@ -21,10 +21,15 @@ bool is_digit(char c) {
   return std::isdigit(static_cast<unsigned char>(c)) != 0;
 }
 
+bool is_jpeg(const fs::path& path) {
+  const std::string extension = files::extension_of(path);
+  return extension == ".jpg" || extension == ".jpeg";
+}
+
 bool is_picture(const fs::path& path) {
   const std::string extension = files::extension_of(path);
   return extension == ".tif" || extension == ".tiff" || extension == ".png" || extension == ".bmp" ||
-         extension == ".pgm";
+         extension == ".pgm" || is_jpeg(path);
 }
 
 /// The digits from `at` on, without leading zeros; `at` moves behind them.
@@ -55,12 +60,19 @@ bool is_picture_name(const std::string& name) {
   return is_picture(name) && !name.starts_with(".");
 }
 
+bool is_reference_name(const std::string& name) {
+  static constexpr std::string_view k_word = "reference";
+  return name.size() >= k_word.size() &&
+         std::equal(k_word.begin(), k_word.end(), name.begin(),
+                    [](char a, char b) { return a == std::tolower(static_cast<unsigned char>(b)); });
+}
+
 std::vector<std::string> list_references(const std::string& folder) {
   std::error_code failure;
   std::vector<std::string> names;
   for (const auto& entry : fs::directory_iterator(folder, failure)) {
     const std::string name = entry.path().filename().string();
-    if (is_picture_name(name) && name.starts_with("reference")) names.push_back(entry.path().string());
+    if (is_picture_name(name) && is_reference_name(name)) names.push_back(entry.path().string());
   }
   std::sort(names.begin(), names.end(), natural_less);
   return names;
@@ -91,20 +103,20 @@ PictureFolder list_pictures(const std::string& folder, const std::vector<std::st
     if (entry.is_regular_file(failure) && is_picture(entry.path()) &&
         !entry.path().filename().string().starts_with("."))
       names.push_back(entry.path().filename().string());
+  if (!std::all_of(names.begin(), names.end(), is_jpeg)) std::erase_if(names, is_jpeg);  // previews of others
   std::sort(names.begin(), names.end(), natural_less);
   PictureFolder result;
   const auto path_of = [&](const std::string& name) { return (fs::path(folder) / name).string(); };
   for (const std::string& name : wanted) result.references.push_back(path_of(name));
-  const auto is_reference = [](const std::string& name) { return name.starts_with("reference"); };
   if (wanted.empty())
     for (const std::string& name : names)
-      if (is_reference(name)) result.references.push_back(path_of(name));
+      if (is_reference_name(name)) result.references.push_back(path_of(name));
   const std::string table = path_of("pictures.csv");
   if (fs::exists(table, failure)) {
     read_table(table, folder, result);
   } else {
     for (const std::string& name : names)
-      if (!is_reference(name)) result.pictures.push_back(path_of(name));
+      if (!is_reference_name(name)) result.pictures.push_back(path_of(name));
   }
   if (result.references.empty() && !result.pictures.empty()) {
     result.references.push_back(result.pictures.front());
@@ -116,10 +128,10 @@ PictureFolder list_pictures(const std::string& folder, const std::vector<std::st
            std::find(result.references.begin(), result.references.end(), path) != result.references.end();
   });
   if (result.pictures.empty())
-    throw DataError(
-        fmt::format("{}: error: the folder holds {} pictures (.tif, .tiff, .png, .bmp, .pgm): a reference "
-                    "and at least one deformed picture are needed",
-                    folder, names.size()));
+    throw DataError(fmt::format(
+        "{}: error: the folder holds {} pictures (.tif, .tiff, .png, .bmp, .pgm, .jpg): a reference "
+        "and at least one deformed picture are needed",
+        folder, names.size()));
   return result;
 }
 

@@ -44,7 +44,7 @@ void require_size(const std::string& path, std::uintmax_t most) {
 }
 
 bool is_live_picture(const std::string& name) {
-  return imaging::is_picture_name(name) && !name.starts_with("reference");
+  return imaging::is_picture_name(name) && !imaging::is_reference_name(name);
 }
 
 bool is_table(const std::string& name) {
