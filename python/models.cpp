@@ -277,12 +277,14 @@ void bind_import(py::module_& module) {
 /// n × m × d.
 class CallableModel final : public model::ForwardModel {
  public:
+  /// `outputs`: 0 for the logarithm of a density, which may be −∞.
   CallableModel(py::function function, std::optional<py::function> jacobian, Eigen::Index dimension,
                 Eigen::Index outputs)
       : function_(std::move(function)),
         jacobian_(std::move(jacobian)),
         dimension_(dimension),
-        outputs_(outputs) {}
+        outputs_(std::max<Eigen::Index>(1, outputs)),
+        is_density_(outputs == 0) {}
 
   [[nodiscard]] Eigen::Index dimension() const override { return dimension_; }
   [[nodiscard]] Eigen::Index output_count() const override { return outputs_; }
@@ -293,6 +295,9 @@ class CallableModel final : public model::ForwardModel {
                 Eigen::Ref<Eigen::MatrixXd> values) override {
     call(function_, "value", points, outputs_, values);
     calls_.evaluations += points.cols();
+    constexpr double k_infinity = std::numeric_limits<double>::infinity();
+    for (double& value : values.reshaped())
+      if (is_density_ && value == -k_infinity) value = std::numeric_limits<double>::lowest();
   }
   void gradient(const Eigen::Ref<const Eigen::MatrixXd>& points,
                 const Eigen::Ref<const Eigen::MatrixXd>& sensitivities,
@@ -329,6 +334,7 @@ class CallableModel final : public model::ForwardModel {
   py::function function_;
   std::optional<py::function> jacobian_;
   Eigen::Index dimension_, outputs_;
+  bool is_density_;
 };
 
 py::dict dictionary_of(const assimilation::InferenceResult& r, std::span<const model::Axis> axes,
@@ -405,8 +411,7 @@ py::dict infer_callable(py::function function, std::optional<py::function> jacob
   values.options.map.seed = values.options.seed = seed;
   values.options.samples = samples;
   values.options.names = names;
-  const auto outputs = static_cast<Eigen::Index>(std::max<std::size_t>(1, values.observed.size()));
-  CallableModel model(std::move(function), std::move(jacobian), std::ssize(names), outputs);
+  CallableModel model(std::move(function), std::move(jacobian), std::ssize(names), values.observed.size());
   const assimilation::InferenceResult result = long_call([&] { return infer(model, values, progress); });
   std::vector<model::Axis> axes;
   for (const std::string& name : names) axes.push_back({name, {}, "", "", 1});

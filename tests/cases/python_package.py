@@ -1,5 +1,6 @@
 """The package for Python: errors, threads, Ctrl-C, memory, maps, inference and pictures against exact answers."""
 import ctypes
+import math
 import os
 import pathlib
 import shutil
@@ -479,6 +480,20 @@ void slope(const double *p, size_t d, double *out) {
             np.testing.assert_allclose(found.mean, [1, -1], atol=0.01)
             np.testing.assert_allclose(found.std, [0.5, 2], rtol=0.01)
             self.assertAlmostEqual(found.log_evidence, 3.0, delta=0.01)
+
+    def test_minus_infinity_is_zero_density(self):
+        """N(0, 1) cut off below −1, whose mean is φ(1)/Φ(1)."""
+        def log_density(p):
+            return -0.5 * p[0] ** 2 if p[0] > -1 else -math.inf
+
+        share = 0.5 * math.erfc(-1 / math.sqrt(2))
+        found = knothe.infer(log_density, {"a": knothe.Normal(0, 2)})
+        self.assertAlmostEqual(found.mean[0], math.exp(-0.5) / math.sqrt(2 * math.pi) / share, delta=0.03)
+        self.assertAlmostEqual(found.log_evidence, math.log(share * math.sqrt(2 * math.pi)), delta=0.03)
+        self.refused(knothe.DataError, "is not finite (entry 0 is nan)",
+                     call=lambda: knothe.infer(lambda p: math.nan, {"a": knothe.Normal(0, 2)}))
+        self.refused(knothe.DataError, "is not finite (entry 0 is -inf)",
+                     call=lambda: knothe.infer(lambda p: -math.inf, {"a": knothe.Normal(0, 2)}, observed=[1.0], std=1.0))
 
     def test_progress_counts_the_evaluations(self):
         """Up to all of them, the estimate of which is known to the methods that draw; what it raises comes through."""
