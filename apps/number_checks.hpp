@@ -1,6 +1,5 @@
 #pragma once
-/// @file Checks of options that are numbers. What is said of another one: "must be a positive number, not
-/// -1".
+/// @file Checks of options that are numbers. What is said of others: "must be a positive number, not -1".
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -13,16 +12,16 @@ inline CLI::Validator number_check(const char* name, const char* wanted, bool (*
     double value = 0;
     return CLI::detail::lexical_cast(text, value) && fits(value)
                ? std::string()
-               : fmt::format("must be a number {}, not {}", wanted, text);
+               : fmt::format("must be a {} number, not {}", wanted, text);
   };
   return {check, name};
 }
 
 inline CLI::Validator positive_number() {
-  return number_check("POSITIVE", "> 0", [](double x) { return x > 0; });
+  return number_check("POSITIVE", "positive", [](double x) { return x > 0; });
 }
 inline CLI::Validator number_from_zero() {
-  return number_check("NONNEGATIVE", "≥ 0", [](double x) { return x >= 0; });
+  return number_check("NONNEGATIVE", "non-negative", [](double x) { return x >= 0; });
 }
 
 }  // namespace knothe

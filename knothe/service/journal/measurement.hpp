@@ -17,14 +17,14 @@ namespace knothe::service {
 struct Measurement {
   likelihood::DatumKey key;
   double time = 0;
-  std::vector<double> values;  ///< as sent; NaN for null
-  /// As sent in place of `values`: those of series by name, all else missing. Empty once the site, which
-  /// knows its sensors, has made values of them (`set_values_of_series`).
-  std::map<std::string, double> series;
+  std::vector<double> values;        ///< as sent; NaN for null
   std::vector<std::uint8_t> status;  ///< one per value: 0 is good, anything else is missing
   std::string noise;                 ///< its own (noise_bytes.hpp); empty: that of the sensors
   std::int64_t step = 0;             ///< index of the model time
   std::int64_t received_ms = 0;      ///< Unix time of its arrival; nothing depends on it
+  /// As sent in place of `values`: those of series by name, all else missing. Empty once the site, which
+  /// knows its sensors, has made values of them (`set_values_of_series`).
+  std::map<std::string, double> series;
 
   /// RequestError 400 for a name that is none of the sensors'.
   void set_values_of_series(const model::Sensors& sensors);

@@ -191,8 +191,10 @@ void JournalWriter::replay() {
   std::optional<Measurement> last_frame;
   journal_.for_each([&](JournalEntry entry) {
     const likelihood::DatumKey& key = entry.measurement.key;
-    if (key.source == k_camera_source && (!last_frame || last_frame->time < entry.measurement.time))
-      last_frame = {key, entry.measurement.time, {}, {}, {}, 0, entry.measurement.received_ms};
+    if (key.source == k_camera_source && (!last_frame || last_frame->time < entry.measurement.time)) {
+      last_frame.emplace().key = key;
+      last_frame->time = entry.measurement.time, last_frame->received_ms = entry.measurement.received_ms;
+    }
     // Of a withdrawn datum too: its file is still there, and would bring it back.
     if (key.source == k_pictures_source || key.source == k_csv_source) from_folders.insert(key);
     if (entry.withdrawn) {
