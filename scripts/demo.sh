@@ -10,8 +10,8 @@ cp examples/beam/quick.toml "$out/"
 cd "$out"
 echo "1/4  reduced model of the damageable beam (full-order runs on a grid of parameters)"
 "$bin/knothe" offline quick.toml -o beam.h5
-echo "2/4  synthetic measurements"
-"$bin/knothe" simulate quick.toml --model beam.h5 -o data.h5
+echo "2/4  synthetic measurements, by the full-order model"
+"$bin/knothe" simulate quick.toml -o data.h5
 echo "3/4  assimilation, step by step"
 "$bin/knothe" assimilate quick.toml
 echo "4/4  report"
