@@ -107,6 +107,9 @@ void add_series(const Project& project, const model::SeparatedModel& model, cons
   for (auto& [name, series] : m.series) {
     const bool is_known = std::any_of(project.known.begin(), project.known.end(),
                                       [&](const KnownParameter& known) { return known.name == name; });
+    const std::vector<std::string> outputs = model.output_names();
+    if (name == project.clock && std::find(outputs.begin(), outputs.end(), name) != outputs.end())
+      settle_units(sensor_of(project, model, name, source), source, series);
     if (name == project.clock || is_known) continue;
     const model::ScalarObservation sensor = sensor_of(project, model, name, source);
     settle_units(sensor, source, series);

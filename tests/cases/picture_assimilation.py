@@ -267,8 +267,9 @@ class Test(Case):
         times = [f"{60 * float(line.split(',')[0])!r},{line.split(',')[1]}" for line in table[1:]]
         (self.folder / "pictures" / "pictures.csv").write_text("\n".join([table[0], *times]) + "\n")
         at = [0.25 * k for k in range(260)]
-        self.machine([(s, 4e-4 * (s - 0.6) / 60, analytic_model.reaction_force((s - 0.6) / 60, *TRUTH)) for s in at])
-        std = "imposed_displacement = 1e-8\nreaction_force = 6.0"
+        self.machine([(s, 0.4 * (s - 0.6) / 60, 1e-3 * analytic_model.reaction_force((s - 0.6) / 60, *TRUTH)) for s in at],
+                     "time [s],imposed_displacement [mm],reaction_force [kN]")
+        std = "imposed_displacement = 1e-5\nreaction_force = 6e-3"
         self.with_machine('clock = "imposed_displacement"', std)
 
         def worst(lines):
