@@ -390,10 +390,14 @@ void Assessor::add_model_reason(const Eigen::VectorXd& shift, double caution, do
        largest > reject ? VerdictLevel::reject : VerdictLevel::caution,
        largest,
        caution,
-       fmt::format("the error of the reduced model shifts {} by about {:.2g} posterior standard deviations "
-                   "(estimated from its errors at {} points off the grid): set method.verify = "
-                   "\"full-order\" (or truncation_error = \"on\"), or build a finer model",
-                   name_of_parameter(worst), largest, errors_.count()),
+       fmt::format(
+           "the error of the reduced model shifts {} by about {:.2g} posterior standard deviations "
+           "(estimated from its errors at {} points off the grid): {}build a finer model",
+           name_of_parameter(worst), largest, errors_.count(),
+           // An error of each step: the model's own is in the noise already, and verify does not go with it.
+           tests_.noise().has_step_errors()
+               ? ""
+               : "set method.verify = \"full-order\" (or truncation_error = \"on\"), or "),
        {}});
 }
 
