@@ -80,7 +80,8 @@ likelihood::NoiseModel with_shared_errors(const likelihood::Measurements& m,
   if (m.series_time_std > 0) errors.push_back({"time_offset", m.series_time_std});
   for (std::size_t t = 0; m.series_time_std > 0 && t < factors.size(); ++t) {
     auto column = add_column(factors[t]);
-    if (by_clock.size() > 0) column.head(displacements) = m.series_time_std * by_clock.col(t);
+    if (by_clock.size() > 0)
+      column.head(displacements) = m.series_time_std * by_clock.col(t).head(displacements);
     for (std::size_t k = 0; by_clock.size() == 0 && k < names.size(); ++k) {
       const double rate = m.series.at(names[k]).rate[t];
       if (!std::isnan(rate)) column(displacements + k) = -m.series_time_std * rate;

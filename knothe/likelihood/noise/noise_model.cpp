@@ -5,10 +5,27 @@
 
 namespace knothe::likelihood {
 
+namespace {
+
+bool is_same(const GaussianNoise& a, const GaussianNoise& b) {
+  if (a.size() != b.size() || a.is_independent() != b.is_independent() ||
+      a.log_determinant() != b.log_determinant())
+    return false;
+  if (a.is_independent()) return a.inverse_variance() == b.inverse_variance();
+  const Eigen::SparseMatrix<double> p = a.precision(), q = b.precision();
+  return p.nonZeros() == q.nonZeros() && (p - q).norm() == 0;
+}
+
+}  // namespace
+
 NoiseModel NoiseModel::with_step(std::size_t step, GaussianNoise noise) const {
   assert(noise.size() == size());
   NoiseModel result = *this;
-  result.steps_[step] = std::make_shared<const GaussianNoise>(std::move(noise));
+  // Back at the measurement's the step is as if it had never had another, to the bit.
+  if (is_same(noise, measurement_))
+    result.steps_.erase(step);
+  else
+    result.steps_[step] = std::make_shared<const GaussianNoise>(std::move(noise));
   return result;
 }
 
