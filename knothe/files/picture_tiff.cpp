@@ -87,6 +87,7 @@ Picture picture_formats::read_tiff(const std::string& path, std::size_t file_byt
   std::uint16_t planes = PLANARCONFIG_CONTIG;
   TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_PLANARCONFIG, &planes);
   const bool whole_bytes = bits == 8 || bits == 16;
+  if (samples > 8) fail(path, fmt::format("a TIFF of {} samples a pixel; save it in grey levels", samples));
   const bool rgb = photometric == PHOTOMETRIC_RGB && samples >= 3 && whole_bytes;
   const bool palette = photometric == PHOTOMETRIC_PALETTE && samples == 1 && bits <= 8;
   // Further samples are an alpha channel, say.
