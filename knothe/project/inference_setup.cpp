@@ -87,7 +87,7 @@ void set_up_chosen(const Project& project, const model::SeparatedModel& model, I
 void set_up_recorded(const Project& project, const model::SeparatedModel& model, InferenceSetup& setup) {
   if (!project.clock.empty())
     throw project.error_at("data.clock", "data.clock: `knothe assimilate` takes such data, infer does not");
-  likelihood::Measurements recorded = likelihood::read_measurements(project.data);
+  likelihood::Measurements recorded = read_recorded(project);
   Project inferred = project;  // what is known is in the model
   for (const KnownParameter& known : project.known) recorded.series.erase(known.name);
   inferred.known.clear();

@@ -103,12 +103,12 @@ void add_series(const Project& project, const model::SeparatedModel& model, cons
           fmt::format("{} has no series \"{}\": the values of this sensor", source, sensor.name));
     }
   }
+  const std::vector<std::string> outputs = model.output_names();
   std::vector<model::ScalarObservation> sensors;
   std::vector<double> std;
   for (auto& [name, series] : m.series) {
     const bool is_known = std::any_of(project.known.begin(), project.known.end(),
                                       [&](const KnownParameter& known) { return known.name == name; });
-    const std::vector<std::string> outputs = model.output_names();
     if (name == project.clock && std::find(outputs.begin(), outputs.end(), name) != outputs.end())
       settle_units(sensor_of(project, model, name, source), source, series);
     if (name == project.clock || is_known) continue;
@@ -229,22 +229,28 @@ Eigen::MatrixXd place(const Project& project, const model::SeparatedModel& model
   return lasting;
 }
 
-}  // namespace
-
-void set_series_std(const Project& project, likelihood::Measurements& measurements) {
+/// The standard deviations of the project for the series of its data file.
+void set_series_std(const Project& project, likelihood::Measurements& recorded) {
   for (const auto& [name, std] : project.series_std) {
-    const auto found = measurements.series.find(name);
-    if (found == measurements.series.end()) {
+    const auto found = recorded.series.find(name);
+    if (found == recorded.series.end()) {
       std::vector<std::string> names;
-      for (const auto& [other, series] : measurements.series) names.push_back(other);
-      throw project.error_at("data.std." + name,
-                             fmt::format("{} has no series \"{}\"{}; it has {}",
-                                         project.data.empty() ? "the data, without data.file," : project.data,
-                                         name, did_you_mean(name, names),
-                                         names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
+      for (const auto& [other, series] : recorded.series) names.push_back(other);
+      throw project.error_at(
+          "data.std." + name,
+          fmt::format("{} has no series \"{}\"{}; it has {}", project.data, name, did_you_mean(name, names),
+                      names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
     }
     found->second.std = std;
   }
+}
+
+}  // namespace
+
+likelihood::Measurements read_recorded(const Project& project) {
+  likelihood::Measurements recorded = likelihood::read_measurements(project.data);
+  set_series_std(project, recorded);
+  return recorded;
 }
 
 void add_series_beside_pictures(const Project& project, likelihood::Measurements& pictures) {
@@ -254,6 +260,7 @@ void add_series_beside_pictures(const Project& project, likelihood::Measurements
         "{}: it holds displacements, but beside [data] pictures only its series are read: leave them out, or "
         "give a gauge as a series with a table [data.sensors]",
         project.data));
+  set_series_std(project, recorded);
   bool overlaps = false;
   for (const auto& [name, series] : recorded.series) {
     MeasuredSeries& here = pictures.series[name] =

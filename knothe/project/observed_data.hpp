@@ -24,8 +24,9 @@ struct ObservedData {
 /// of the pictures. Errors: DataError where the file has displacements, or no time in common.
 void add_series_beside_pictures(const Project& project, likelihood::Measurements& pictures);
 
-/// Gives the series the standard deviations of the project. Errors: ProjectError for a name that none has.
-void set_series_std(const Project& project, likelihood::Measurements& measurements);
+/// The project's data file, its series with the standard deviations of the project. Errors: those of
+/// `read_measurements`; ProjectError for a name that no series has.
+[[nodiscard]] likelihood::Measurements read_recorded(const Project& project);
 
 /// What of `measurements` the model says something about: displacements; series with a std that are named as
 /// a sensor of the project or an output of the model. With `project.clock` the times are those that its

@@ -10,6 +10,7 @@
 #include "knothe/likelihood/data/measurements.hpp"
 #include "knothe/likelihood/data/time_matching.hpp"
 #include "knothe/likelihood/step/prior_of_model.hpp"
+#include "knothe/project/observed_data.hpp"
 #include "knothe/project/simulation.hpp"
 #include "knothe/project/update_setup.hpp"
 
@@ -72,7 +73,7 @@ std::vector<std::size_t> model_candidates(const Project& project, const model::D
 }
 
 void set_up_from_data(const Project& project, SelectionSetup& setup) {
-  const likelihood::Measurements m = likelihood::read_measurements(project.data);
+  const likelihood::Measurements m = read_recorded(project);
   std::vector<Eigen::Index> kept;
   for (Eigen::Index i = 0; i < m.noise.size(); ++i) {
     if (m.noise.measurement().is_measured(i)) kept.push_back(i);

@@ -193,13 +193,16 @@ UpdateSetup set_up(const Project& given, assimilation::Features features, bool l
   }
   if (!pictures && (project.data.empty() || !project.pictures.folder.empty()))
     pictures = std::make_shared<PictureMeasurements>(project, whole, live);
-  likelihood::Measurements measurements =
-      pictures ? pictures->measurements() : likelihood::read_measurements(project.data);
+  likelihood::Measurements measurements = pictures ? pictures->measurements() : read_recorded(project);
   if (pictures && !project.data.empty()) add_series_beside_pictures(project, measurements);
   if (live)  // they come one by one
     for (const auto& [name, std] : project.series_std)
-      measurements.series[name].values.assign(measurements.time.size(), std::nan(""));
-  set_series_std(project, measurements);
+      measurements.series[name] = {
+          std::vector<double>(measurements.time.size(), std::nan("")), std, {}, "", {}};
+  else if (project.data.empty() && !project.series_std.empty())
+    throw project.error_at("data.std",
+                           "[data.std] is of the series of data.file, or of those sent to `knothe serve` "
+                           "beside pictures: there are none");
   if (fixed)
     for (const KnownParameter& known : given.known) measurements.series.erase(known.name);
   if (project.method.offset_std > 0)
