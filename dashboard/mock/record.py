@@ -70,7 +70,6 @@ def main():
         project = BEAM.read_text()
         for old, new in THRESHOLDS:
             project = project.replace(old, new, 1)
-        project = project.replace('verify = "full-order"\n', "", 1)  # the data are the reduced model's own
         (folder / "quick.toml").write_text(project)
         run(knothe, "offline", "quick.toml", "-o", "beam.h5", folder=folder)
         run(knothe, "simulate", "quick.toml", "--model", "beam.h5", "-o", "data.h5", folder=folder)
