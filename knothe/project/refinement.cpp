@@ -118,7 +118,8 @@ Refinement::Refinement(const Project& project, std::shared_ptr<PictureMeasuremen
       solutions_(std::move(start.solutions)),
       used_(start.used),
       version_(start.version),
-      quiet_(start.quiet) {}
+      quiet_(start.quiet),
+      online_(start.online) {}
 
 std::string refined_model(const std::string& folder, std::size_t version) {
   return fmt::format("{}/model-{}.h5", folder, version);
@@ -190,7 +191,7 @@ std::unique_ptr<assimilation::Engine> Refinement::with_refined_model(const assim
   project_.model = file;
   ++version_;
   used_ = solutions_.size();
-  setup_ = set_up_again(project_, pictures_);
+  setup_ = set_up_again(project_, pictures_, online_);
   assimilation::EngineSetup refined = engine_setup(project_, *setup_);
   refined.model_version = version_;
   return std::make_unique<assimilation::Engine>(engine.with_setup(std::move(refined)));

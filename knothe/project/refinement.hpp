@@ -47,6 +47,7 @@ struct RefinementStart {
   std::size_t used = 0;                     ///< how many of them the present model was made from
   std::size_t version = 0;                  ///< of that model
   bool quiet = false;                       ///< shows no progress
+  bool online = false;                      ///< for the service
 };
 
 /// Says in a verdict what `runs` full-order runs leave open: a doubt of the reduced model has other advice
@@ -111,6 +112,7 @@ class Refinement {
   std::size_t used_;                                  ///< how many of them the model is made from
   std::size_t version_;
   bool quiet_;
+  bool online_ = false;
   std::optional<UpdateSetup> setup_;
   std::string trouble_;  ///< why the full-order model is no longer asked
   bool settled_ = true;  ///< the last round of the last `refine` moved the posterior by less than the goal

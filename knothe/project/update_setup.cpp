@@ -232,8 +232,10 @@ UpdateSetup set_up(const Project& project) {
   return set_up(project, {}, false);
 }
 
-UpdateSetup set_up_again(const Project& project, std::shared_ptr<PictureMeasurements> pictures) {
-  return set_up(project, {}, false, std::move(pictures));
+UpdateSetup set_up_again(const Project& project, std::shared_ptr<PictureMeasurements> pictures, bool online) {
+  assimilation::Features features;
+  add(features, assimilation::Feature::service, online);
+  return set_up(project, features, false, std::move(pictures));
 }
 
 UpdateSetup set_up_online(const Project& project) {

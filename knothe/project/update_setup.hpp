@@ -32,7 +32,9 @@ struct UpdateSetup {
 [[nodiscard]] UpdateSetup set_up(const Project& project);
 
 /// Model and data read again, the model perhaps another one; the pictures are those of before, which go on.
-[[nodiscard]] UpdateSetup set_up_again(const Project& project, std::shared_ptr<PictureMeasurements> pictures);
+/// `online`: for the service, in which every time of the model is a step.
+[[nodiscard]] UpdateSetup set_up_again(const Project& project, std::shared_ptr<PictureMeasurements> pictures,
+                                       bool online);
 
 /// The same for the service: ProjectError for what it cannot do (a measured clock, forces, gauges). With
 /// [serve] watch_pictures or [serve.camera] the sensors are those of pictures that are still to come.

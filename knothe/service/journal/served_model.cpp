@@ -34,7 +34,7 @@ ServedModel served_model(const project::Project& project, const project::UpdateS
                     is_there ? "is not what it was" : "is missing", journal));
   project::Project refined = project;
   refined.model = file;
-  project::UpdateSetup other = project::set_up_again(refined, setup.pictures);
+  project::UpdateSetup other = project::set_up_again(refined, setup.pictures, true);
   return {std::move(refined), std::move(other), std::move(verification)};
 }
 

@@ -171,7 +171,7 @@ std::shared_ptr<const ServedModel> Verifier::refine(const Question& question) {
     auto engine = engine_of(*question.model, question.data);
     assimilation::StepResult result = engine->posterior_at(question.step);
     auto simulator = project::full_order_simulator(project_, folder, stop_.get_token());
-    project::RefinementStart start{model::kept_solutions(*simulator, folder), v.runs, v.version, true};
+    project::RefinementStart start{model::kept_solutions(*simulator, folder), v.runs, v.version, true, true};
     start.used = std::min(start.used, start.solutions.size());
     project::Refinement refinement(project_, question.model->setup.pictures, std::move(simulator), folder,
                                    std::move(start));
