@@ -34,6 +34,7 @@ struct MethodOptions {
   ModelVerification verify = ModelVerification::off;
   int verify_runs = 14;  ///< at most
   int samples = 10000;
+  int evaluations = 0;
   int verification_points = 1024;  ///< of `knothe infer`
   std::uint64_t seed = 1;
 };
