@@ -151,8 +151,8 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
     samples : int
         Number of draws.
     evaluations : int
-        Budget: calls that `model` and `jacobian` may get, each row of a Jacobian counting four. 0: 20,000, or twice `samples` if
-        that is more; no limit for ``mcmc``.
+        Budget: points at which `model` and, each counting once per parameter (of a density four times), `jacobian` are asked.
+        0: 20,000, or twice `samples` if that is more; no limit for ``mcmc``.
     seed : int
         Of the random numbers.
     results : path, optional

@@ -113,9 +113,6 @@ void by_transport(PosteriorDensity& posterior, ModelEvaluator& evaluator, const 
   if (!(map_options.tempering_spread > 0)) map_options.tempering_spread = 3;
   MapDetails details;
   posterior::ImportanceCorrection correction;
-  // What is left is for weighted draws, should no map be found.
-  constexpr double k_share = 0.7;
-  const Limit limit(evaluator, std::llround(k_share * evaluator.budget()));
   try {
     solve_by_map(posterior, evaluator, map_options, details, correction, r);
   } catch (const BudgetSpent&) {
@@ -316,10 +313,13 @@ void solve(PosteriorDensity& posterior, ModelEvaluator& evaluator, const Inferen
 void solve_somehow(PosteriorDensity& posterior, ModelEvaluator& evaluator, const InferenceOptions& options,
                    InferenceResult& r) {
   const Method asked = r.method;
+  if (asked == Method::sequential_monte_carlo) return solve(posterior, evaluator, options, r);
   try {
+    // What is left is for the draws, should there be no answer.
+    constexpr double k_share = 0.8;
+    const Limit limit(evaluator, std::llround(k_share * evaluator.budget()));
     return solve(posterior, evaluator, options, r);
   } catch (const NumericalError& error) {
-    if (asked == Method::sequential_monte_carlo) throw;
     InferenceResult by_draws;
     by_draws.phases = std::move(r.phases);
     r = std::move(by_draws);

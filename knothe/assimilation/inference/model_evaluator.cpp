@@ -81,14 +81,13 @@ bool ModelEvaluator::fits(const ModelCall& call) const {
 
 /// Of one point, as the models count it.
 std::int64_t ModelEvaluator::cost_of(CallKind kind) const {
-  if (kind == CallKind::evaluate) return 1;
-  return k_derivative_cost * (kind == CallKind::gradient ? 1 : model_->dimension());
+  const std::int64_t costs[] = {1, k_gradient_cost, model_->dimension(), model_->dimension()};
+  return costs[static_cast<int>(kind)];
 }
 
 std::int64_t ModelEvaluator::spent() const {
   const model::ModelCalls& calls = model_->calls();
-  return earlier_ + calls.evaluations +
-         k_derivative_cost * (calls.gradients + calls.jacobians + calls.hessians);
+  return earlier_ + calls.evaluations + k_gradient_cost * calls.gradients + calls.jacobians + calls.hessians;
 }
 
 void ModelEvaluator::remember(const ModelCall& call) {

@@ -20,8 +20,8 @@ void by_markov_chains(PosteriorDensity& posterior, const ModelEvaluator& evaluat
     chain_options.affordable_steps = [&] {
       constexpr std::int64_t k_of_bridge = 1100;
       const Eigen::Index d = posterior.dimension();
-      const std::int64_t of_gradient = evaluator.has_gradient()   ? ModelEvaluator::k_derivative_cost
-                                       : evaluator.has_jacobian() ? d * ModelEvaluator::k_derivative_cost
+      const std::int64_t of_gradient = evaluator.has_gradient()   ? ModelEvaluator::k_gradient_cost
+                                       : evaluator.has_jacobian() ? d
                                                                   : 2 * d;
       const std::int64_t of_step = 1 + (posterior.available_derivatives() > 0 ? of_gradient : 0);
       const std::int64_t left = evaluator.budget() - evaluator.spent() - k_of_bridge - k_reserved_calls;
@@ -43,10 +43,15 @@ void by_weighted_draws(PosteriorDensity& posterior, const ModelEvaluator& evalua
                        const InferenceOptions& options, InferenceResult& r) {
   posterior::RecycledImportanceOptions draw_options;
   const bool is_limited = evaluator.budget() != ModelEvaluator::k_no_budget;
-  draw_options.max_evaluations =
-      (is_limited ? evaluator.budget()
-                  : std::max<std::int64_t>(draw_options.max_evaluations, 2 * options.samples)) -
-      k_reserved_calls;
+  if (is_limited) {
+    const std::int64_t left = evaluator.budget() - evaluator.spent(),
+                       reserved = std::min(k_reserved_calls, left / 4);
+    draw_options.max_evaluations = evaluator.budget() - reserved;
+    draw_options.draws = std::clamp<std::int64_t>((left - reserved) / 3, 1, draw_options.draws);
+  } else {
+    draw_options.max_evaluations =
+        std::max<std::int64_t>(draw_options.max_evaluations, 2 * options.samples) - k_reserved_calls;
+  }
   draw_options.spent = [&] { return evaluator.spent(); };
   draw_options.seed = options.seed;
   draw_options.progress = options.progress;

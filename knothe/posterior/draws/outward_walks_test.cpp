@@ -105,7 +105,7 @@ TEST(TailShape, IsThatOfTheDistribution) {
   const Eigen::Index n = 100'000;
   const Eigen::VectorXd weights = Eigen::VectorXd::Constant(n, 1.0 / n);
   Eigen::MatrixXd x(n, 2);
-  for (const double k : {0.2, 0.5, 1.0}) {
+  for (const double k : {0.5, 1.0}) {
     for (Eigen::Index i = 0; i < n; ++i) x.row(i) << std::pow(1 - (i + 0.5) / n, -k), -1.0 * i;
     EXPECT_NEAR(tail_shape_of(x, weights), k, 0.2 * k) << k;
     EXPECT_EQ(tail_shape_of(-x, weights), tail_shape_of(x, weights));
