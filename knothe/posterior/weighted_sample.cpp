@@ -42,7 +42,7 @@ void ImportanceResult::state_errors(const Eigen::MatrixXd& variables) {
 
 double tail_shape_of(const Eigen::MatrixXd& variables, const Eigen::VectorXd& weights) {
   constexpr double k_tail = 2e-3;
-  constexpr int k_fewest = 20;
+  constexpr int k_min_points = 20;
   double shape = 0;
   std::vector<Eigen::Index> order(weights.size());
   for (Eigen::Index k = 0; k < variables.cols(); ++k) {
@@ -55,7 +55,7 @@ double tail_shape_of(const Eigen::MatrixXd& variables, const Eigen::VectorXd& we
       double mass = 0;
       auto last = order.begin();
       for (; last != order.end() && mass < k_tail; ++last) mass += weights[*last];
-      if (last - order.begin() < k_fewest || last == order.end() || !(distance(*last) > 0)) continue;
+      if (last - order.begin() < k_min_points || last == order.end() || !(distance(*last) > 0)) continue;
       double sum = 0;
       for (auto i = order.begin(); i != last; ++i)
         sum += weights[*i] * std::log(distance(*i) / distance(*last));
