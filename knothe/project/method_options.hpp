@@ -34,8 +34,8 @@ struct MethodOptions {
   ModelVerification verify = ModelVerification::off;
   int verify_runs = 14;  ///< at most
   int samples = 10000;
-  int evaluations = 0;
   int verification_points = 1024;  ///< of `knothe infer`
+  int evaluations = 0;             ///< of `knothe infer`; 0: as there
   std::uint64_t seed = 1;
 };
 
