@@ -62,6 +62,9 @@ class Twin {
     twin->refinement_ = project::make_refinement(project, setup.pictures);
     twin->sensors_ = setup.measurements.sensors;
     twin->time_indices_ = setup.time_indices;
+    twin->series_ = setup.measurements.series;
+    twin->project_ = project.text;
+    twin->seed_ = project.method.seed;
     twin->data_.emplace(std::move(setup));
     return twin;
   }
@@ -109,11 +112,18 @@ class Twin {
     if (!kept) kept = std::make_shared<Result>(Result{engine_->posterior_at(step), priors_, axes_});
     return kept;
   }
-  /// As `posterior.nc` has them: parameters, log-likelihood of the step's datum, predicted data with noise.
-  [[nodiscard]] record::StepDraws draws(std::size_t step, Eigen::Index count, Eigen::Index stride) {
+  /// As `knothe assimilate` writes posterior.nc, of all steps with data.
+  void write_posterior(const std::string& path, Eigen::Index draws) {
+    if (engine_->data().steps().empty()) throw UsageError("no datum has been assimilated yet");
     const model::ObservedModel& model = engine_->model();
-    const record::KeptStep kept = record::retain_step(result(step)->step, engine_->last_datum(step), &model);
-    return record::draw_step(kept, model, *priors_, model.observations(), count, stride);
+    std::vector<record::KeptStep> steps;
+    assimilation::RunVerdict run;
+    for (const auto& [step, data] : engine_->data().steps()) {
+      steps.push_back(record::retain_step(result(step)->step, engine_->last_datum(step), &model));
+      run.add(steps.back().result.verdict);
+    }
+    record::write_posterior_file(path, {project_, seed_, *axes_, *priors_, model, sensors_, series_,
+                                        *steps.back().datum.noise, steps, run.verdict(), draws});
   }
   /// Of all steps: what the last line of `knothe assimilate` says.
   [[nodiscard]] std::string run_verdict() {
@@ -154,6 +164,9 @@ class Twin {
   }
 
   model::Sensors sensors_;
+  std::map<std::string, likelihood::MeasuredSeries> series_;  ///< of recorded data
+  std::string project_;
+  std::uint64_t seed_ = 1;
   std::unique_ptr<assimilation::Engine> engine_;
   std::shared_ptr<const std::vector<model::Axis>> axes_;
   std::shared_ptr<const std::vector<posterior::Prior>> priors_;
@@ -312,16 +325,11 @@ void bind_twin(py::module_& module) {
              return py::make_tuple(rows_of(s.points, 3), array_of(s.components), s.scalars, names);
            })
       .def(
-          "draws",
-          [](Twin& twin, std::size_t step, Eigen::Index count, Eigen::Index stride) {
-            const record::StepDraws drawn =
-                long_call(twin.mutex, [&] { return twin.draws(step, count, stride); });
-            const Eigen::MatrixXd predicted = drawn.predicted.transpose();
-            return py::make_tuple(rows_of(plain(drawn.parameters), drawn.parameters.cols()),
-                                  array_of(plain(drawn.log_likelihood)),
-                                  rows_of(plain(predicted), predicted.cols()));
+          "write_posterior",
+          [](Twin& twin, const std::string& path, Eigen::Index draws) {
+            long_call(twin.mutex, [&] { twin.write_posterior(path, draws); });
           },
-          arg("step"), arg("count"), arg("stride"))
+          arg("path"), arg("draws"))
       .def(
           "predict",
           [](Twin& twin, const Doubles& points, std::size_t step, bool jacobian) {

@@ -13,7 +13,7 @@ fi
 (cd "$out" && cp ../../examples/beam/quick.toml model.toml && "$bin/knothe" simulate model.toml --model beam.h5 -o data.h5 >/dev/null)
 # Each run has a journal of its own.
 name=live-$(date +%Y%m%d-%H%M%S)
-{ grep -v "^verify" examples/beam/quick.toml; printf '\n[serve]\nsite = "beam"\nperiod = 0.1\n'; } >"$out/$name.toml"
+{ cat examples/beam/quick.toml; printf '\n[serve]\nsite = "beam"\nperiod = 0.1\n'; } >"$out/$name.toml"
 "$bin/knothe" serve "$out/$name.toml" --port "${PORT:-8080}" >"$out/url" 2>"$out/log" &
 service=$!
 trap 'kill -INT $service 2>/dev/null; wait $service 2>/dev/null || true' EXIT

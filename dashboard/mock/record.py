@@ -70,7 +70,6 @@ def main():
         project = BEAM.read_text()
         for old, new in THRESHOLDS:
             project = project.replace(old, new, 1)
-        project = project.replace('verify = "full-order"\n', "", 1)  # the data are the reduced model's own
         (folder / "quick.toml").write_text(project)
         run(knothe, "offline", "quick.toml", "-o", "beam.h5", folder=folder)
         run(knothe, "simulate", "quick.toml", "--model", "beam.h5", "-o", "data.h5", folder=folder)
@@ -86,7 +85,9 @@ def main():
             nodes = model["mesh/points"][:]
             sensors = numpy.column_stack([data["dofs/points"][:], data["dofs/component"][:]])
             std = data["noise/std"][:]
-            draws = numpy.stack([posterior[f"posterior/{n}"][0] for n in names], axis=-1)[:DRAWS]  # draw × step × parameter
+            chosen = numpy.random.default_rng(1)
+            draws = numpy.stack([points[chosen.choice(len(points), DRAWS, p=weights / weights.sum())] for points, weights in zip(
+                posterior["weighted_posterior/points"][:], posterior["weighted_posterior/weights"][:])], axis=1)  # draw × step × parameter
         # Dofs of the model in the order node × component.
         where = {(*numpy.round(d[:3], 7), int(d[3])): i for i, d in enumerate(dofs)}
         order = numpy.array([[where[(*numpy.round(x, 7), c)] for c in range(3)] for x in nodes])

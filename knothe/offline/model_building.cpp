@@ -46,12 +46,14 @@ model::ModelContents compressed(const project::Project& project, const model::Gr
   return model;
 }
 
+/// `solver`: for what is off the grid.
 SolvedGrid solve(const project::Project& project, model::Simulator& solver, const std::string& parts,
                  const files::CommandOutput& output) {
   const project::OfflineOptions& options = *project.offline;
   if (options.method == project::OfflineMethod::latin) return {solve_latin(project, parts, output), {}, 0};
   if (options.adaptive_grid_shift) return solve_adaptive_grid(project, solver, parts, output);
-  SolvedGrid solved = solve_project_grid(project, solver, parts, output);
+  const auto of_grid = grid_simulator(project, parameter_axes(project));
+  SolvedGrid solved = solve_project_grid(project, *of_grid, parts, output);
   if (!solved.off_grid.empty()) return solved;
   model::RunGrid grid = run_grid_of(project, parts);
   grid.axes = solved.solutions.snapshots.axes;

@@ -58,6 +58,10 @@ void add_body_options(Section<O>& s) {
 }
 
 void add_reduction_options(Section<O>& s) {
+  s.choice("scaling", &O::scaling, "off", "on",
+           "On: one full-order run serves all grid points with the same Y0 Ad, and all values of E, by the "
+           "beam's exact "
+           "similarity: n + m − 1 runs for n × m points, whose nodes then have a common ratio.");
   s.add("processes", &O::processes, "Number of processes that compute full-order runs in parallel.",
         at_least(1));
   s.choice("failed_runs", &O::leave_out_failed, "stop", "leave-out",
@@ -251,7 +255,7 @@ void check_own_solver(Values& values, const OfflineOptions& o) {
     values.complain("offline.method",
                     "LATIN-PGD solves for the built-in beam: another solver needs method = \"snapshots\"");
   for (const char* key : {"mesh", "damage", "latin", "steps", "displacement", "young_modulus",
-                          "poisson_ratio", "left_support", "crack_lengths"}) {
+                          "poisson_ratio", "left_support", "crack_lengths", "scaling"}) {
     const std::string path = std::string("offline.") + key;
     if (values.has(path) || values.has_table(path))
       values.complain(path, fmt::format("[offline] {} is of the built-in beam: leave it away beside "
@@ -300,6 +304,7 @@ void check_latin(Values& values, const OfflineOptions& o) {
          "\"sparse_level\" leaves out full-order runs: it needs method = \"snapshots\"");
   refuse(o.adaptive_grid_error.has_value(), "adaptive.grid_error",
          "\"grid_error\" adds full-order runs: it needs method = \"snapshots\"");
+  refuse(o.scaling, "scaling", "\"scaling\" saves full-order runs: it needs method = \"snapshots\"");
   refuse(o.parameters.size() > 2, "method",
          "LATIN-PGD solves for Y0 and Ad, on one elastic body: other parameters take method = \"snapshots\"");
 }

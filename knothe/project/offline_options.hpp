@@ -102,6 +102,7 @@ struct OfflineOptions {
   double poisson_ratio = 0.23;
   LeftSupport left_support = LeftSupport::support_line;
   model::TimeAxis time;  ///< no output: the solver's own times
+  bool scaling = false;  ///< runs of the beam that are similar are one
   int processes = 2;
   bool leave_out_failed = false;  ///< runs that fail; else they are an error
   model::Form form = model::Form::tree;

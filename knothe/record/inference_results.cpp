@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <filesystem>
-#include <numeric>
 
 #include "knothe/base/version.hpp"
 #include "knothe/files/atomic_file.hpp"
@@ -11,6 +10,7 @@
 #include "knothe/files/netcdf.hpp"
 #include "knothe/posterior/map/map_file.hpp"
 #include "knothe/posterior/quadrature/marginal_density.hpp"
+#include "knothe/record/fields.hpp"
 #include "knothe/record/json_values.hpp"
 #include "knothe/record/physical_parameters.hpp"
 
@@ -21,7 +21,8 @@ using Json = nlohmann::ordered_json;
 using assimilation::InferenceResult;
 
 constexpr const char* k_map_file = "map.h5";
-constexpr Eigen::Index k_shown_draws = 700;  ///< in the report's figures
+constexpr Eigen::Index k_parts_of_draws = 4;  ///< as chains, where draws are independent: r̂ compares chains
+constexpr Eigen::Index k_shown_draws = 700;   ///< in the report's figures
 
 Json columns_of(const Eigen::MatrixXd& m) {
   return rows_of(m.transpose());
@@ -73,12 +74,6 @@ Json figures_of(const project::InferenceSetup& setup, const InferenceResult& r) 
   return figures;
 }
 
-std::vector<std::int64_t> counted(Eigen::Index n) {
-  std::vector<std::int64_t> numbers(n);
-  std::iota(numbers.begin(), numbers.end(), 0);
-  return numbers;
-}
-
 /// n × d to C order.
 std::vector<double> c_order(const Eigen::MatrixXd& m) {
   std::vector<double> out;
@@ -93,14 +88,7 @@ void write_samples(const std::string& path, const project::Project& project,
   using Names = std::vector<std::string>;
   files::write_atomically(path, [&](const std::string& temporary) {
     files::NetcdfWriter out(temporary);
-    const auto d = setup.parameters.size();
-    out.add_dimension("posterior", "chain", counted(r.chains), {"1", "chain"});
-    out.add_dimension("posterior", "draw", counted(r.draws.rows() / r.chains), {"1", "draw"});
-    for (std::size_t k = 0; k < d; ++k) {
-      const auto column = r.draws.col(k);
-      add_draws_of(setup.axes[k], {"chain", "draw"},
-                   std::span(column.data(), r.draws.rows() / r.chains * r.chains), out);
-    }
+    add_draws("posterior", setup.axes, r.draws, r.chains > 1 ? r.chains : k_parts_of_draws, out);
     out.add_dimension("weighted_posterior", "point", r.points.rows());
     out.add_dimension("weighted_posterior", "parameter", setup.parameters, {"1", "parameter"});
     out.add_variable("weighted_posterior", "points", Names{"point", "parameter"}, c_order(r.points),
@@ -109,16 +97,9 @@ void write_samples(const std::string& path, const project::Project& project,
                      std::span(r.weights.data(), r.weights.size()), {"1", "weights, sum 1"});
     out.add_attribute("weighted_posterior", "parameters",
                       fmt::format("{}", fmt::join(setup.parameters, ",")));
-    out.add_dimension("sample_stats", "run", 1);
-    const auto statistic = [&](const char* name, double value, const char* meaning) {
-      out.add_variable("sample_stats", name, Names{"run"}, std::span(&value, 1), {"1", meaning});
-    };
-    statistic("ess", r.effective_sample_size, "effective sample size as a fraction of the weighted points");
-    statistic("trusted", r.trusted ? 1 : 0, "1 if trusted");
-    statistic("log_evidence", r.log_evidence, "natural logarithm");
-    statistic("distinct_draws", r.distinct_draws, "how many of the draws differ from all others before them");
-    statistic("map_order", r.map_order, "order of the map, 0 without one");
-    statistic("variance_diagnostic", r.variance_diagnostic, "verified, 0 without a map");
+    out.add_dimension("history", "step", std::vector<std::int64_t>{0}, {"", "step"});
+    add_statistics("history", r, out);
+    add_creator({"posterior"}, out);
     out.add_attribute("", "created_by", k_created_by);
     out.add_attribute("", "method", assimilation::to_text(r.method));
     out.add_attribute("", "seed", std::to_string(project.method.seed));
@@ -153,36 +134,19 @@ Json inference_record(const InferenceResult& r, std::span<const model::Axis> axe
                       const std::string& samples_file) {
   double model_seconds = 0;
   for (const assimilation::PhaseTime& phase : r.phases) model_seconds += phase.model_seconds;
-  Json record = {
-      {"method", assimilation::to_text(r.method)},
-      {"parameters", parameter_names(axes)},
-      {"wall_clock", utc_text(std::chrono::system_clock::now())},
-      {"mean", to_json(r.mean)},
-      {"covariance", rows_of(r.covariance)},
-      {"maximum_a_posteriori", to_json(r.maximum_a_posteriori)},
-      {"quantiles", {{"levels", numerics::k_quantile_levels}, {"values", rows_of(r.quantiles)}}},
-      {"skewness", to_json(r.skewness)},
-      {"kurtosis", to_json(r.kurtosis)},
-      {"map_order", r.map_order},
-      {"variance_diagnostic", r.variance_diagnostic},
-      {"tolerance_reached", r.tolerance_reached},
-      {"ess", r.effective_sample_size},
-      {"trusted", r.trusted},
-      {"verdict", r.verdict},
-      {"edge_mass", to_json(r.edge_mass)},
-      {"log_evidence", r.log_evidence},
-      {"log_evidence_error", r.log_evidence_error},
-      {"model_evaluations", r.calls.evaluations},
-      {"model_calls",
-       {{"evaluate", r.calls.evaluations},
-        {"gradient", r.calls.gradients},
-        {"apply_jacobian", r.calls.jacobians},
-        {"apply_hessian", r.calls.hessians}}},
-      {"elapsed_us",
-       {{"update", r.seconds() * 1e6}, {"total", r.seconds() * 1e6}, {"model", model_seconds * 1e6}}},
-      {"samples_file", samples_file},
-      {"distinct_draws", r.distinct_draws},
-      {"physical", physical_record(axes, r.mean, r.covariance)}};
+  Json record = fields_record(r);
+  record["parameters"] = parameter_names(axes);
+  record["wall_clock"] = utc_text(std::chrono::system_clock::now());
+  record["verdict"] = r.verdict;
+  record["model_evaluations"] = r.calls.evaluations;
+  record["model_calls"] = {{"evaluate", r.calls.evaluations},
+                           {"gradient", r.calls.gradients},
+                           {"apply_jacobian", r.calls.jacobians},
+                           {"apply_hessian", r.calls.hessians}};
+  record["elapsed_us"] = {
+      {"update", r.seconds() * 1e6}, {"total", r.seconds() * 1e6}, {"model", model_seconds * 1e6}};
+  record["samples_file"] = samples_file;
+  record["physical"] = physical_record(axes, r.mean, r.covariance);
   if (r.fit_probability) record["fit_probability"] = *r.fit_probability;
   if (r.r_hat.size() > 0) {
     record["r_hat"] = to_json(r.r_hat);

@@ -6,6 +6,8 @@
 #include <ctime>
 #include <nlohmann/json.hpp>
 
+#include "knothe/base/version.hpp"
+
 namespace knothe::record {
 
 std::vector<std::string> parameter_names(std::span<const model::Axis> axes) {
@@ -52,12 +54,39 @@ files::Labels labels_of(const model::Axis& axis) {
   return {axis.units.empty() ? "1" : axis.units, axis.long_name.empty() ? axis.name : axis.long_name};
 }
 
-void add_draws_of(const model::Axis& axis, const std::vector<std::string>& dimensions,
-                  std::span<const double> draws, files::NetcdfWriter& out) {
-  out.add_variable("posterior", axis.name, dimensions, draws, labels_of(axis));
-  out.add_number("posterior", axis.name, "reference", axis.reference);
-  if (const std::string units = reference_units(axis); !units.empty())
-    out.add_text("posterior", axis.name, "reference_units", units);
+void add_draws(const std::string& group, std::span<const model::Axis> axes, const Eigen::MatrixXd& draws,
+               Eigen::Index chains, files::NetcdfWriter& out) {
+  const Eigen::Index per_chain = draws.rows() / chains;
+  add_chains(group, chains, per_chain, 1, out);
+  for (std::size_t k = 0; k < axes.size(); ++k) {
+    const model::Axis& axis = axes[k];
+    const Eigen::VectorXd column = draws.col(k).head(chains * per_chain);
+    out.add_variable(group, axis.name, std::vector<std::string>{"chain", "draw"},
+                     std::span(column.data(), column.size()), labels_of(axis));
+    out.add_number(group, axis.name, "reference", axis.reference);
+    if (const std::string units = reference_units(axis); !units.empty())
+      out.add_text(group, axis.name, "reference_units", units);
+  }
+}
+
+void add_chains(const std::string& group, Eigen::Index chains, Eigen::Index draws, Eigen::Index stride,
+                files::NetcdfWriter& out) {
+  const auto counted = [](Eigen::Index count, Eigen::Index by) {
+    std::vector<std::int64_t> numbers;
+    for (Eigen::Index i = 0; i < count; ++i) numbers.push_back(i * by);
+    return numbers;
+  };
+  out.add_dimension(group, "chain", counted(chains, 1), {"", "chain"});
+  out.add_dimension(group, "draw", counted(draws, stride), {"", "draw"});
+}
+
+void add_creator(std::initializer_list<const char*> groups, files::NetcdfWriter& out) {
+  const std::string now = utc_text(std::chrono::system_clock::now());
+  for (const char* group : groups) {
+    out.add_attribute(group, "inference_library", "knothe");
+    out.add_attribute(group, "inference_library_version", k_version);
+    out.add_attribute(group, "created_at", now);
+  }
 }
 
 std::string utc_text(std::chrono::system_clock::time_point time) {

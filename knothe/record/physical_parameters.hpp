@@ -32,10 +32,16 @@ namespace knothe::record {
 /// Unit and name in words of a parameter's variable in a results file.
 [[nodiscard]] files::Labels labels_of(const model::Axis& axis);
 
-/// Draws of a parameter into the group `posterior` of a results file, with its unit, and as attributes
-/// `reference` and `reference_units`, the physical value of 1, if they are known.
-void add_draws_of(const model::Axis& axis, const std::vector<std::string>& dimensions,
-                  std::span<const double> draws, files::NetcdfWriter& out);
+/// Draws of the parameters (n × d, chain after chain) into a group of a results file, [chain, draw], with
+/// their units, and as attributes `reference` and `reference_units`, the physical value of 1, if they are
+/// known.
+void add_draws(const std::string& group, std::span<const model::Axis> axes, const Eigen::MatrixXd& draws,
+               Eigen::Index chains, files::NetcdfWriter& out);
+/// The dimensions `chain` and `draw` of a group: every `stride`-th draw, `draws` of them a chain.
+void add_chains(const std::string& group, Eigen::Index chains, Eigen::Index draws, Eigen::Index stride,
+                files::NetcdfWriter& out);
+/// The attributes by which ArviZ says who made a group, and when.
+void add_creator(std::initializer_list<const char*> groups, files::NetcdfWriter& out);
 
 /// "2026-11-23T12:44:06.123Z" (ISO 8601).
 [[nodiscard]] std::string utc_text(std::chrono::system_clock::time_point time);

@@ -15,8 +15,11 @@
 #include "knothe/files/netcdf.hpp"
 #include "knothe/likelihood/noise/predictive.hpp"
 #include "knothe/numerics/statistics/distinct_draws.hpp"
+#include "knothe/numerics/statistics/random.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/posterior/draws/importance_proposal.hpp"
+#include "knothe/posterior/prior/prior_transform.hpp"
+#include "knothe/record/fields.hpp"
 #include "knothe/record/physical_parameters.hpp"
 #include "knothe/record/step_record.hpp"
 
@@ -25,17 +28,15 @@ namespace {
 
 using Names = std::vector<std::string>;
 using files::SinglePrecision;
-constexpr Eigen::Index k_draws = 500;
-constexpr std::size_t k_predictive_draws = 50;    ///< at most; of many sensors fewer,
-constexpr std::size_t k_predictive_values = 4e6;  ///< for this many numbers (16 MB) in all
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+/// Independent draws need no chains, but what compares chains (r̂) does.
+constexpr Eigen::Index k_chains = 4;
+constexpr Eigen::Index k_predicted_values = 2'000'000;  ///< at most, in all: 8 MB
+constexpr Eigen::Index k_prior_values = k_predicted_values / 4;
+constexpr Eigen::Index k_enough_draws = 25;  ///< of a chain, to say how probable each value is
+constexpr std::uint64_t k_prior_seed = 1;
 constexpr Eigen::Index k_weighted_points = 2048;  ///< of each step but the last, at most
 constexpr double k_missing = std::numeric_limits<double>::quiet_NaN();
-
-std::vector<std::int64_t> counted(std::size_t n, std::size_t stride = 1) {
-  std::vector<std::int64_t> numbers(n);
-  for (std::size_t i = 0; i < n; ++i) numbers[i] = i * stride;
-  return numbers;
-}
 
 /// At most `count` of a posterior's points, with weights that add up to 1: those that `count` draws fall on.
 posterior::WeightedPoints thinned(const posterior::Posterior& posterior, Eigen::Index count) {
@@ -65,13 +66,23 @@ void append(std::vector<double>& values, const Eigen::Ref<const Eigen::MatrixXd>
     for (Eigen::Index k = 0; k < m.cols(); ++k) values.push_back(m(i, k));
 }
 
+/// Draws of a distribution of the parameters, four chains, and what the model's functions are at every
+/// `stride`-th of them.
+struct Draws {
+  Eigen::MatrixXd parameters;
+  Eigen::Index stride = 1, per_chain = 0;  ///< of those with functions
+  Eigen::MatrixXd functions;               ///< chosen × r, chain after chain
+  [[nodiscard]] Eigen::Index chosen() const { return functions.rows(); }
+};
+
 class Writer {
  public:
   Writer(files::NetcdfWriter& out, const PosteriorFile& file)
       : out_(out),
         file_(file),
         n_steps_(file.steps.size()),
-        n_observations_(file.measurements.sensors.displacement_count()) {
+        n_observations_(file.sensors.displacement_count()),
+        n_rows_(file.observed.observations()) {
     for (const KeptStep& step : file.steps) {
       steps_.push_back(step.result.step);
       times_.push_back(step.result.time);
@@ -79,98 +90,97 @@ class Writer {
   }
 
   /// posterior, posterior_predictive, log_likelihood.
-  void write_draws() {
-    const std::vector<std::string>& scalars = file_.measurements.sensors.scalars;
-    const std::size_t n_rows = n_observations_ + scalars.size();
-    const std::size_t affordable = k_predictive_values / std::max<std::size_t>(1, n_steps_ * n_rows);
-    const std::size_t wanted = std::clamp<std::size_t>(affordable, 4, k_predictive_draws);
-    const std::size_t stride = (k_draws + wanted - 1) / wanted, n_predicted = (k_draws + stride - 1) / stride;
-    const auto observed = file_.observed ? file_.observed
-                                         : std::make_shared<const model::ObservedModel>(
-                                               model::observe(file_.model, file_.measurements.sensors));
-    const std::size_t d = file_.priors.size();
-    std::vector<std::vector<double>> draws(d, std::vector<double>(k_draws * n_steps_));
-    std::vector<double> likelihood(k_draws * n_steps_), predicted(n_predicted * n_steps_ * n_observations_);
-    std::vector<std::vector<double>> series(scalars.size(), std::vector<double>(n_predicted * n_steps_));
-    for (std::size_t s = 0; s < n_steps_; ++s) {
-      const StepDraws here = draw_step(file_.steps[s], *observed, file_.priors, n_rows, k_draws, stride);
-      for (std::size_t j = 0; j < k_draws; ++j) {
-        const Eigen::Index row = j;
-        for (std::size_t k = 0; k < d; ++k) draws[k][j * n_steps_ + s] = here.parameters(row, k);
-        likelihood[j * n_steps_ + s] = here.log_likelihood[row];
-      }
-      for (std::size_t j = 0; j < n_predicted; ++j) {
-        const auto column = here.predicted.col(j);
-        std::copy_n(column.data(), n_observations_, predicted.begin() + (j * n_steps_ + s) * n_observations_);
-        for (std::size_t k = 0; k < scalars.size(); ++k)
-          series[k][j * n_steps_ + s] = column[n_observations_ + k];
-      }
+  void write_posterior() {
+    const Eigen::Index n = k_chains * file_.draws;
+    const auto d = std::ssize(file_.priors);
+    Eigen::VectorXd lower(d), upper(d);
+    for (Eigen::Index k = 0; k < d; ++k) {
+      const posterior::Prior& prior = file_.priors[k];
+      lower[k] = prior.lower(), upper[k] = prior.upper();
     }
-    write_posterior(draws);
-    add_draws("posterior_predictive", counted(n_predicted, stride));
-    const std::string meaning =
-        "what the sensors would measure: model, bias where it is corrected, and noise";
-    if (n_observations_ > 0) {
-      add_observations("posterior_predictive");
-      out_.add_variable("posterior_predictive", "displacement", Names{"chain", "draw", "step", "observation"},
-                        SinglePrecision{predicted}, {"m", meaning});
-    }
-    for (std::size_t k = 0; k < scalars.size(); ++k)
-      out_.add_variable("posterior_predictive", variable_of(scalars[k]), Names{"chain", "draw", "step"},
-                        SinglePrecision{series[k]},
-                        {file_.measurements.series.at(scalars[k]).units, meaning});
-    add_draws("log_likelihood", counted(k_draws));
-    out_.add_variable("log_likelihood", "datum", Names{"chain", "draw", "step"}, likelihood,
-                      {"1", "log density of the step's datum under the draw of that step"});
+    const posterior::Posterior& last = file_.steps.back().result;
+    const Eigen::MatrixXd parameters = numerics::distinct_draws(last.points, last.weights, n, lower, upper);
+    add_draws("posterior", file_.axes, parameters, k_chains, out_);
+    const Draws draws = drawn(parameters, k_predicted_values);
+    write_predictions("posterior_predictive", draws, true);
+    write_log_likelihood(draws);
+  }
+
+  /// prior, prior_predictive.
+  void write_prior() {
+    const posterior::PriorTransform transform({file_.priors.begin(), file_.priors.end()});
+    const Eigen::MatrixXd z =
+        numerics::monte_carlo_normal_points(k_chains * file_.draws, transform.dimension(), k_prior_seed);
+    Eigen::MatrixXd parameters(z.rows(), z.cols()), none;
+    transform.evaluate(z, 0, parameters, none, none);
+    add_draws("prior", file_.axes, parameters, k_chains, out_);
+    write_predictions("prior_predictive", drawn(parameters, k_prior_values), false);
   }
 
   void write_data() {
-    add_steps("observed_data");
-    const auto& m = file_.measurements;
-    for (const auto& [name, series] : m.series) {
-      out_.add_variable("observed_data", variable_of(name), Names{"step"},
-                        std::span(series.values.data(), n_steps_), {series.units, "measured"});
-      if (series.std) out_.add_number("observed_data", variable_of(name), "std", *series.std);
+    const std::string group = "observed_data";
+    add_steps(group);
+    for (const auto& [name, series] : file_.series) {
+      const auto row = std::find(file_.sensors.scalars.begin(), file_.sensors.scalars.end(), name);
+      if (row == file_.sensors.scalars.end() &&
+          series.values.size() == n_steps_)  // a clock, a known parameter
+        out_.add_variable(group, variable_of(name), Names{"step"}, series.values, {series.units, "measured"});
+    }
+    Eigen::MatrixXd values = Eigen::MatrixXd::Constant(n_rows_, n_steps_, k_missing);
+    for (std::size_t s = 0; s < n_steps_; ++s) {
+      const Eigen::VectorXd& measured = file_.steps[s].datum.values;
+      const Eigen::Index there = std::min(n_rows_, measured.size());
+      values.col(s).head(there) = measured.head(there);
+    }
+    for (std::size_t k = 0; k < file_.sensors.scalars.size(); ++k) {
+      const std::string& name = file_.sensors.scalars[k];
+      const Eigen::VectorXd row = values.row(n_observations_ + k);
+      out_.add_variable(group, variable_of(name), Names{"step"}, std::span(row.data(), row.size()),
+                        {units_of(name), "measured"});
+      if (const auto series = file_.series.find(name); series != file_.series.end() && series->second.std)
+        out_.add_number(group, variable_of(name), "std", *series->second.std);
     }
     if (n_observations_ == 0) return;
-    add_observations("observed_data");
-    out_.add_variable("observed_data", "displacement", Names{"step", "observation"},
-                      std::span(m.values.data(), n_steps_ * n_observations_), {"m", "measured displacement"});
-    const std::string group = "constant_data";
     add_observations(group);
-    out_.add_dimension(group, "axis", Names{"x", "y", "z"}, {"1", "direction"});
-    out_.add_variable(group, "points", Names{"observation", "axis"}, m.sensors.points,
-                      {"m", "measurement points"});
-    const std::vector<std::int64_t> components(m.sensors.components.begin(), m.sensors.components.end());
-    out_.add_variable(group, "component", Names{"observation"}, components, {"1", "0 x, 1 y, 2 z"});
-    const Eigen::VectorXd std = m.noise.measurement().standard_deviations();
-    out_.add_variable(group, "noise_std", Names{"observation"}, std::span(std.data(), n_observations_),
-                      {"m", "standard deviation"});
+    const Eigen::MatrixXd displacements = values.topRows(n_observations_);
+    out_.add_variable(group, "displacement", Names{"step", "observation"},
+                      std::span(displacements.data(), displacements.size()), {"m", "measured displacement"});
+    write_constants();
   }
 
-  void write_statistics() {
-    add_steps("sample_stats");
-    add_statistic("map_order", "order of the map", [](const auto& r) { return double(r.map_order); });
-    add_statistic("variance_diagnostic", "verified variance diagnostic",
-                  [](const auto& r) { return r.variance_diagnostic; });
-    add_statistic("ess", "effective sample size, fraction",
-                  [](const auto& r) { return r.effective_sample_size; });
-    add_statistic("trusted", "1 if trusted", [](const auto& r) { return r.trusted ? 1.0 : 0.0; });
-    add_statistic("verdict", "0 ok, 1 caution, 2 reject",
-                  [](const auto& r) { return static_cast<double>(r.verdict.level); });
-    add_statistic("fit_probability", "of a misfit as large as that of all data so far",
-                  [](const auto& r) { return r.verdict.fit_probability; });
-    add_statistic("log_evidence", "log p(d_0 ... d_i)", [](const auto& r) { return r.log_evidence; });
-    add_statistic("log_evidence_increment", "log p(d_i | d_0 ... d_i-1)",
-                  [](const auto& r) { return r.log_evidence_increment; });
-    Names reasons;
+  /// What is said of each step: its moments, and how they were found.
+  void write_history() {
+    const std::string group = "history";
+    out_.add_dimension(group, "step", steps_, {"", "assimilated step"});
+    out_.add_attribute(group, "coordinates", "time");
+    std::vector<const assimilation::UpdateResult*> steps;
+    for (const KeptStep& step : file_.steps) steps.push_back(&step.result);
+    add_statistics(group, steps, out_);
+    add_by_step("verdict", "0 ok, 1 caution, 2 reject",
+                [](const auto& r) -> double { return static_cast<int>(r.verdict.level); });
+    add_by_step("fit_probability", "of a misfit as large as that of all data so far",
+                [](const auto& r) { return r.verdict.fit_probability; });
+    Names reasons, names;
     for (const KeptStep& step : file_.steps) {
       Names messages;
       for (const assimilation::VerdictReason& reason : step.result.verdict.reasons)
         messages.push_back(fmt::format("{}: {}", to_text(reason.part), reason.message));
       reasons.push_back(fmt::format("{}", fmt::join(messages, "; ")));
     }
-    out_.add_variable("sample_stats", "verdict_reasons", Names{"step"}, reasons, {"", "why, where not ok"});
+    out_.add_variable(group, "verdict_reasons", Names{"step"}, reasons, {"", "why, where not ok"});
+    for (const model::Axis& axis : file_.axes) names.push_back(axis.name);
+    out_.add_dimension(group, "parameter", names, {"", "parameter"});
+    out_.add_dimension(group, "level", numerics::k_quantile_levels, {"1", "of the quantiles"});
+    std::vector<double> mean, std, quantiles;
+    for (const KeptStep& step : file_.steps) {
+      append(mean, step.result.mean);
+      append(std, step.result.standard_deviations());
+      append(quantiles, step.result.quantiles);
+    }
+    out_.add_variable(group, "mean", Names{"step", "parameter"}, mean, {"1", "of the posterior of the step"});
+    out_.add_variable(group, "std", Names{"step", "parameter"}, std, {"1", "of the posterior of the step"});
+    out_.add_variable(group, "quantiles", Names{"step", "parameter", "level"}, quantiles,
+                      {"1", "of the posterior of the step"});
   }
 
   /// What is said of the quantities of interest.
@@ -241,40 +251,160 @@ class Writer {
   void describe_groups() {
     using Text = std::pair<const char*, const char*>;
     for (const auto& [group, text] :
-         {Text{"posterior",
-               "draws at each step from the posterior of all data up to it; draw n of one step "
-               "has nothing to do with draw n of another"},
-          Text{"posterior_predictive",
-               "what the sensors would measure at the step under draws of its posterior, noise included"},
-          Text{"log_likelihood", "log density of the last datum of the step given the draw"},
-          Text{"observed_data", "measured values"},
-          Text{"sample_stats", "of the computation and the verdict, by step"},
+         {Text{"posterior", "independent draws from the posterior of all data; the chains only divide them"},
+          Text{"posterior_predictive", "what the sensors would measure under the draws, noise included"},
+          Text{"log_likelihood", likelihood_text_}, Text{"prior", "independent draws from the prior"},
+          Text{"prior_predictive",
+               "what the sensors would measure under draws from the prior, noise included"},
+          Text{"observed_data", "measured values"}, Text{"sample_stats", "of each draw"},
+          Text{"history", "of the posterior after each step: moments, computation and verdict"},
           Text{"weighted_posterior", "weighted points of each step's posterior, at most 2048"},
           Text{"last_posterior", "all weighted points of the last step's posterior"}})
       out_.add_attribute(group, "description", text);
+    add_creator({"posterior", "posterior_predictive", "log_likelihood", "prior", "prior_predictive",
+                 "observed_data", "sample_stats"},
+                out_);
   }
 
  private:
-  void write_posterior(const std::vector<std::vector<double>>& draws) {
-    add_draws("posterior", counted(k_draws));
-    for (std::size_t k = 0; k < draws.size(); ++k)
-      add_draws_of(file_.model.contents().axes[k], {"chain", "draw", "step"}, draws[k], out_);
+  /// As many of the draws as `values` numbers allow, with their functions.
+  [[nodiscard]] Draws drawn(const Eigen::MatrixXd& parameters, Eigen::Index values) const {
+    const Eigen::Index all = parameters.rows() / k_chains, numbers = std::ssize(steps_) * n_rows_;
+    const Eigen::Index wanted =
+        std::clamp<Eigen::Index>(values / std::max<Eigen::Index>(1, k_chains * numbers), 1, all);
+    Draws draws{parameters, (all + wanted - 1) / wanted, 0, {}};
+    draws.per_chain = (all + draws.stride - 1) / draws.stride;
+    Eigen::MatrixXd chosen(k_chains * draws.per_chain, parameters.cols());
+    for (Eigen::Index chain = 0, row = 0; chain < k_chains; ++chain)
+      for (Eigen::Index j = 0; j < all; j += draws.stride)
+        chosen.row(row++) = parameters.row(chain * all + j);
+    model::FunctionBatch batch;
+    batch.resize(chosen.rows(), chosen.cols(), file_.observed.functions->count(), 0);
+    file_.observed.functions->evaluate(chosen, 0, batch);
+    draws.functions = batch.value;
+    return draws;
+  }
+
+  /// The model at a step under the draws, rows × chosen; with the correction of its bias where there is one.
+  [[nodiscard]] Eigen::MatrixXd predicted(const KeptStep& step, const Draws& draws, bool corrected) const {
+    const std::size_t t = step.datum.time_index;
+    Eigen::MatrixXd values =
+        file_.observed.space * (file_.observed.core[t] * draws.functions.transpose()).eval();
+    values.colwise() += file_.observed.lift.col(t);
+    if (corrected && step.bias.size() > 0) values.topRows(step.bias.size()).colwise() += step.bias;
+    return values;
+  }
+
+  /// Values of each step, rows × chosen, into a group: displacements, and each series.
+  void write_by_step(const std::string& group, const Draws& draws, const std::vector<Eigen::MatrixXd>& steps,
+                     const std::string& units, const std::string& meaning) {
+    const Eigen::Index n = draws.chosen(), n_displacements = n_observations_;
+    std::vector<double> all;
+    all.reserve(n * n_steps_ * n_displacements);
+    for (Eigen::Index j = 0; j < n; ++j)
+      for (const Eigen::MatrixXd& step : steps) append(all, step.col(j).head(n_displacements));
+    if (n_displacements > 0)
+      out_.add_variable(group, "displacement", Names{"chain", "draw", "step", "observation"},
+                        SinglePrecision{all}, {units.empty() ? "m" : units, meaning});
+    for (std::size_t k = 0; k < file_.sensors.scalars.size(); ++k) {
+      std::vector<double> series;
+      for (Eigen::Index j = 0; j < n; ++j)
+        for (const Eigen::MatrixXd& step : steps) series.push_back(step(n_displacements + k, j));
+      const std::string& name = file_.sensors.scalars[k];
+      out_.add_variable(group, variable_of(name), Names{"chain", "draw", "step"}, SinglePrecision{series},
+                        {units.empty() ? units_of(name) : units, meaning});
+    }
+  }
+
+  void write_predictions(const std::string& group, const Draws& draws, bool corrected) {
+    std::vector<Eigen::MatrixXd> steps;
+    for (const KeptStep& step : file_.steps) {
+      const Eigen::Index there = std::min(n_rows_, step.datum.values.size());
+      steps.push_back(Eigen::MatrixXd::Constant(n_rows_, draws.chosen(), k_missing));
+      steps.back().topRows(there) =
+          predicted(step, draws, corrected).topRows(there) +
+          likelihood::noise_draws(*step.datum.noise, there, draws.chosen(), step.result.step);
+    }
+    add_groups_dimensions(group, draws);
+    write_by_step(group, draws, steps, "",
+                  "what the sensors would measure: model, bias where it is corrected, and noise");
+  }
+
+  /// Of each value where there are draws enough, else of all values of a step together.
+  void write_log_likelihood(const Draws& draws) {
+    const std::string group = "log_likelihood";
+    bool by_value = draws.per_chain >= std::min(k_enough_draws, file_.draws);
+    for (const KeptStep& step : file_.steps)
+      by_value = by_value && likelihood::can_be_split(step.datum.values, *step.datum.noise);
+    std::vector<Eigen::MatrixXd> steps;
+    Eigen::MatrixXd sums(draws.chosen(), n_steps_);
+    for (const KeptStep& step : file_.steps) {
+      const Eigen::Index there = std::min(n_rows_, step.datum.values.size());
+      const Eigen::MatrixXd values = predicted(step, draws, true).topRows(there);
+      const Eigen::VectorXd measured = step.datum.values.head(there);
+      sums.col(std::ssize(steps)) = likelihood::log_likelihoods(values, measured, *step.datum.noise);
+      steps.push_back(Eigen::MatrixXd::Zero(n_rows_, draws.chosen()));
+      if (by_value)
+        steps.back().topRows(there) =
+            likelihood::pointwise_log_likelihoods(values, measured, *step.datum.noise);
+    }
+    if (by_value) {
+      likelihood_text_ =
+          "log density of each measured value given the draw and the other values of its step; 0 where "
+          "nothing was measured; errors that steps share are not in it";
+      add_groups_dimensions(group, draws);
+      write_by_step(group, draws, steps, "1", "log density");
+    } else {
+      likelihood_text_ =
+          "log density of the values of each step given the draw; errors that steps share are not in it";
+      add_chains(group, k_chains, draws.per_chain, draws.stride, out_);
+      add_steps(group);
+      const RowMajor rows = sums;
+      out_.add_variable(group, n_observations_ > 0 ? "displacement" : "series",
+                        Names{"chain", "draw", "step"}, std::span(rows.data(), rows.size()),
+                        {"1", "log density"});
+    }
+    add_chains("sample_stats", k_chains, draws.per_chain, draws.stride, out_);
+    const Eigen::VectorXd total = sums.rowwise().sum();
+    out_.add_variable("sample_stats", "log_likelihood", Names{"chain", "draw"},
+                      std::span(total.data(), total.size()),
+                      {"1", "log density of the values of all steps given the draw"});
+  }
+
+  void add_groups_dimensions(const std::string& group, const Draws& draws) {
+    add_chains(group, k_chains, draws.per_chain, draws.stride, out_);
+    add_steps(group);
+    if (n_observations_ > 0) add_observations(group);
+  }
+
+  [[nodiscard]] std::string units_of(const std::string& series) const {
+    const auto found = file_.series.find(series);
+    return found == file_.series.end() ? "" : found->second.units;
+  }
+
+  void write_constants() {
+    const std::string group = "constant_data";
+    add_observations(group);
+    out_.add_dimension(group, "axis", Names{"x", "y", "z"}, {"1", "direction"});
+    out_.add_variable(group, "points", Names{"observation", "axis"}, file_.sensors.points,
+                      {"m", "measurement points"});
+    const std::vector<std::int64_t> components(file_.sensors.components.begin(),
+                                               file_.sensors.components.end());
+    out_.add_variable(group, "component", Names{"observation"}, components, {"1", "0 x, 1 y, 2 z"});
+    const Eigen::VectorXd std = file_.noise.standard_deviations();
+    out_.add_variable(group, "noise_std", Names{"observation"}, std::span(std.data(), n_observations_),
+                      {"m", "standard deviation"});
   }
 
   void write_points(const std::string& group, Names dimensions, std::span<const double> points,
                     std::span<const double> weights) {
-    const Names names = file_.model.parameter_names();
+    Names names;
+    for (const model::Axis& axis : file_.axes) names.push_back(axis.name);
     out_.add_variable(group, "weights", dimensions, weights, {"1", "importance weights, sum 1"});
     dimensions.emplace_back("parameter");
     out_.add_dimension(group, "parameter", names, {"", "parameter"});
     out_.add_variable(group, "points", dimensions, points, {"1", "parameters"});
     out_.add_attribute(group, "parameters", fmt::format("{}", fmt::join(names, ",")));
-  }
-
-  void add_draws(const std::string& group, const std::vector<std::int64_t>& draws) {
-    out_.add_dimension(group, "chain", counted(1), {"", "chain"});
-    out_.add_dimension(group, "draw", draws, {"", "draw"});
-    add_steps(group);
   }
 
   void add_steps(const std::string& group) {
@@ -285,10 +415,10 @@ class Writer {
 
   /// The sensors: a name, place and component of each.
   void add_observations(const std::string& group) {
-    const model::Sensors& sensors = file_.measurements.sensors;
+    const model::Sensors& sensors = file_.sensors;
     Names names, directions;
     std::array<std::vector<double>, 3> places;
-    for (std::size_t i = 0; i < n_observations_; ++i) {
+    for (Eigen::Index i = 0; i < n_observations_; ++i) {
       directions.emplace_back(1, "xyz"[sensors.components[i]]);
       names.push_back(sensors.label(i));
       for (std::size_t axis = 0; axis < 3; ++axis) places[axis].push_back(sensors.points[3 * i + axis]);
@@ -303,10 +433,10 @@ class Writer {
   }
 
   template <class Get>
-  void add_statistic(const std::string& name, const std::string& meaning, const Get& get) {
+  void add_by_step(const std::string& name, const std::string& meaning, const Get& get) {
     std::vector<double> values;
     for (const KeptStep& step : file_.steps) values.push_back(get(step.result));
-    out_.add_variable("sample_stats", name, Names{"step"}, values, {"1", meaning});
+    out_.add_variable("history", name, Names{"step"}, values, {"1", meaning});
   }
 
   template <class Get>
@@ -319,7 +449,9 @@ class Writer {
 
   files::NetcdfWriter& out_;
   const PosteriorFile& file_;
-  std::size_t n_steps_, n_observations_;
+  std::size_t n_steps_;
+  Eigen::Index n_observations_, n_rows_;
+  const char* likelihood_text_ = "";
   std::vector<std::int64_t> steps_;
   std::vector<double> times_;
 };
@@ -336,46 +468,20 @@ KeptStep retain_step(const assimilation::StepResult& result, likelihood::Datum d
   return kept;
 }
 
-StepDraws draw_step(const KeptStep& step, const model::ObservedModel& observed,
-                    std::span<const posterior::Prior> priors, Eigen::Index rows, Eigen::Index draws,
-                    Eigen::Index stride) {
-  const auto d = std::ssize(priors);
-  Eigen::VectorXd lower(d), upper(d);
-  for (Eigen::Index k = 0; k < d; ++k) lower[k] = priors[k].lower(), upper[k] = priors[k].upper();
-  const assimilation::UpdateResult& result = step.result;
-  StepDraws out{numerics::distinct_draws(result.points, result.weights, draws, lower, upper), {}, {}};
-  model::FunctionBatch batch;
-  batch.resize(draws, d, observed.functions->count(), 0);
-  observed.functions->evaluate(out.parameters, 0, batch);
-  const std::size_t t = step.datum.time_index;
-  // Forces and gauges stand behind the displacements.
-  const Eigen::Index all = std::min(observed.observations(), step.datum.values.size());
-  Eigen::MatrixXd predicted =
-      observed.space.topRows(all) * (observed.core[t] * batch.value.transpose()).eval();
-  predicted.colwise() += observed.lift.col(t).head(all);
-  if (step.bias.size() > 0) predicted.topRows(step.bias.size()).colwise() += step.bias;
-  out.log_likelihood = likelihood::log_likelihoods(predicted, step.datum.values.head(all), *step.datum.noise);
-  const Eigen::Index shown = (draws + stride - 1) / stride;
-  const Eigen::Index there = std::min(rows, all);
-  out.predicted.setConstant(rows, shown, k_missing);
-  out.predicted.topRows(there) = predicted.topRows(there)(Eigen::all, Eigen::seqN(0, shown, stride)) +
-                                 likelihood::noise_draws(*step.datum.noise, there, shown, result.step);
-  return out;
-}
-
 void write_posterior_file(const std::string& path, const PosteriorFile& file) {
   files::write_atomically(path, [&](const std::string& temporary) {
     files::NetcdfWriter out(temporary);
     Writer writer(out, file);
-    writer.write_draws();
+    writer.write_posterior();
+    writer.write_prior();
     writer.write_data();
-    writer.write_statistics();
+    writer.write_history();
     writer.write_forecasts();
     writer.write_weighted_points();
     writer.describe_groups();
     out.add_attribute("", "created_by", k_created_by);
-    out.add_attribute("", "project", file.project.text);
-    out.add_attribute("", "seed", std::to_string(file.project.method.seed));
+    out.add_attribute("", "project", file.project);
+    out.add_attribute("", "seed", std::to_string(file.seed));
     out.add_attribute("", "verdict", files::json_line(verdict_record(file.verdict)));
     out.close();
   });
@@ -409,7 +515,6 @@ assimilation::UpdateResult read_last_posterior(const std::string& path,
     stored.step = file.read(group + "step")[last];
     stored.time = file.read("/sample_stats/time")[last];
   }
-  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   const auto n = std::ssize(weights), d = std::ssize(parameters);
   stored.points = Eigen::Map<const RowMajor>(points.data(), n, d);
   stored.weights = Eigen::Map<const Eigen::VectorXd>(weights.data(), n);

@@ -1,7 +1,8 @@
 #pragma once
 /// @file posterior.nc: the sequence of posteriors as NetCDF-4 in ArviZ's groups, and its reading back for
 /// forecasts.
-#include <memory>
+#include <cstdint>
+#include <map>
 #include <span>
 #include <string>
 #include <vector>
@@ -11,9 +12,9 @@
 #include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/likelihood/data/datum.hpp"
 #include "knothe/likelihood/data/measurements.hpp"
+#include "knothe/model/compress/snapshots.hpp"
 #include "knothe/model/observe/observed_model.hpp"
-#include "knothe/model/reduced/separated_model.hpp"
-#include "knothe/project/project_file.hpp"
+#include "knothe/posterior/prior/prior.hpp"
 
 namespace knothe::record {
 
@@ -32,28 +33,19 @@ struct KeptStep {
 
 /// What goes into the file.
 struct PosteriorFile {
-  const project::Project& project;
-  const model::SeparatedModel& model;
-  const likelihood::Measurements& measurements;
-  std::span<const posterior::Prior> priors;  ///< in the order of the model's parameters
-  std::span<const KeptStep> steps;           ///< at least one
-  /// The model at the observed dofs (its first rows) and times; null: the model's own times.
-  std::shared_ptr<const model::ObservedModel> observed;
-  assimilation::Verdict verdict;  ///< of the run
+  std::string project;  ///< text of the project file
+  std::uint64_t seed = 0;
+  std::span<const model::Axis> axes;         ///< of the parameters
+  std::span<const posterior::Prior> priors;  ///< in the order of the axes
+  const model::ObservedModel& observed;      ///< the model at the sensors and at the times of the data
+  const model::Sensors& sensors;
+  const std::map<std::string, likelihood::MeasuredSeries>&
+      series;                              ///< their units; those that are not observed
+  const likelihood::GaussianNoise& noise;  ///< of the sensors
+  std::span<const KeptStep> steps;         ///< at least one
+  assimilation::Verdict verdict;           ///< of the run
+  Eigen::Index draws = 250;                ///< of each of the four chains
 };
-
-/// What `draw_step` draws for a step.
-struct StepDraws {
-  Eigen::MatrixXd parameters;      ///< draws × d, no two the same
-  Eigen::VectorXd log_likelihood;  ///< of the step's datum, by draw
-  Eigen::MatrixXd predicted;  ///< n_obs × every `stride`-th draw, SI, with noise; NaN where not measured
-};
-
-/// Draws that weigh the same from a step's posterior, and what `observed` with its bias and the noise of the
-/// datum says of each, at its first `rows` sensors. The same for the same step.
-[[nodiscard]] StepDraws draw_step(const KeptStep& step, const model::ObservedModel& observed,
-                                  std::span<const posterior::Prior> priors, Eigen::Index rows,
-                                  Eigen::Index draws, Eigen::Index stride);
 
 /// Groups as listed in docs/reference/formats.md, "Results folder". Atomic; IoError.
 void write_posterior_file(const std::string& path, const PosteriorFile& file);

@@ -11,86 +11,21 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/json_text.hpp"
+#include "knothe/record/fields.hpp"
+#include "knothe/record/json_object.hpp"
 
 namespace knothe::record {
 namespace {
 
 using nlohmann::json;
 
-/// A JSON object together with where it stands, so that every message can say so.
-class Located {
- public:
-  Located(const json& value, std::string where, std::string path = {})
-      : value_(value), where_(std::move(where)), path_(std::move(path)) {
-    if (!value_.is_object()) fail("an object { … } is expected");
-  }
-  [[noreturn]] void fail(const std::string& what) const {
-    throw DataError(where_ + ": error: " + path_ + what);
-  }
-  [[nodiscard]] bool has(const char* key) const { return value_.contains(key) && !value_[key].is_null(); }
-  [[nodiscard]] const json& at(const char* key) const {
-    if (!value_.contains(key)) fail(fmt::format("key \"{}\" is missing", key));
-    return value_[key];
-  }
-  [[nodiscard]] Located object(const char* key) const { return member(key, at(key)); }
-  /// `value`, which stands under `key` in this object.
-  [[nodiscard]] Located member(const std::string& key, const json& value) const {
-    return {value, where_, path_ + '"' + key + "\": "};
-  }
-  [[nodiscard]] double number(const char* key) const {
-    const json& v = at(key);
-    if (!v.is_number() || !std::isfinite(v.get<double>()))
-      fail(fmt::format("\"{}\" must be a finite number", key));
-    return v.get<double>();
-  }
-  [[nodiscard]] double number_or(const char* key, double otherwise) const {
-    return has(key) ? number(key) : otherwise;
-  }
-  [[nodiscard]] std::optional<double> optional_number(const char* key) const {
-    return has(key) ? std::optional<double>(number(key)) : std::nullopt;
-  }
-  [[nodiscard]] std::size_t count(const char* key) const {
-    const json& v = at(key);
-    if (!v.is_number_integer() || v.get<double>() < 0.0)
-      fail(fmt::format("\"{}\" must be an integer ≥ 0", key));
-    return v.get<std::size_t>();
-  }
-  [[nodiscard]] std::vector<double> numbers(const char* key) const { return numbers(at(key), key); }
-  [[nodiscard]] std::vector<double> numbers(const json& v, const char* key) const {
-    if (!v.is_array()) fail(fmt::format("\"{}\" must be a list of numbers", key));
-    std::vector<double> out;
-    for (const auto& entry : v) {
-      if (!entry.is_number() || !std::isfinite(entry.get<double>()))
-        fail(fmt::format("\"{}\"[{}] must be a finite number", key, out.size()));
-      out.push_back(entry.get<double>());
-    }
-    return out;
-  }
-  [[nodiscard]] std::vector<double> numbers(const char* key, std::size_t size) const {
-    auto out = numbers(key);
-    if (out.size() != size)
-      fail(fmt::format("\"{}\" has {} numbers, {} are expected", key, out.size(), size));
-    return out;
-  }
-  [[nodiscard]] std::string text_or(const char* key, const std::string& otherwise = {}) const {
-    if (!has(key)) return otherwise;
-    const json& v = at(key);
-    return v.is_string() ? v.get<std::string>() : v.dump();
-  }
-  [[nodiscard]] DensityCurve density(const char* points, const char* values) const {
-    DensityCurve d{numbers(points), {}};
-    d.values = numbers(values, d.points.size());
-    return d;
-  }
-  [[nodiscard]] const json& value() const { return value_; }
+DensityCurve density_of(const JsonObject& entry, const char* points, const char* values) {
+  DensityCurve d{entry.numbers(points), {}};
+  d.values = entry.numbers(values, d.points.size());
+  return d;
+}
 
- private:
-  const json& value_;
-  std::string where_;  ///< file and line
-  std::string path_;   ///< keys that lead to the object
-};
-
-StepForecast forecast_of(const Located& f) {
+StepForecast forecast_of(const JsonObject& f) {
   StepForecast out;
   out.mean = f.number("mean");
   out.std = f.number("std");
@@ -106,44 +41,13 @@ StepForecast forecast_of(const Located& f) {
     out.published_agrees = !published.contains("agrees") || published.at("agrees") == true;
   }
   out.is_past = f.has("past") && f.at("past") == true;
-  if (f.has("density")) out.density = f.object("density").density("points", "values");
+  if (f.has("density")) out.density = density_of(f.object("density"), "points", "values");
   return out;
 }
 
-/// A matrix of `rows` rows and as many columns as `columns` says.
-Eigen::MatrixXd matrix_of(const Located& line, const char* key, std::size_t rows, std::size_t columns,
-                          const std::string& problem) {
-  const json& list = line.at(key);
-  if (!list.is_array() || list.size() != rows) line.fail(fmt::format("\"{}\" must have {} rows", key, rows));
-  Eigen::MatrixXd matrix(rows, columns);
-  for (std::size_t i = 0; i < rows; ++i) {
-    const std::vector<double> row = line.numbers(list[i], key);
-    if (row.size() != columns) line.fail(problem);
-    for (std::size_t j = 0; j < columns; ++j) matrix(i, j) = row[j];
-  }
-  return matrix;
-}
-
-Eigen::VectorXd vector_of(const std::vector<double>& numbers) {
-  return Eigen::Map<const Eigen::VectorXd>(numbers.data(), std::ssize(numbers));
-}
-
-void read_moments(const Located& line, Step& s) {
-  s.mean = vector_of(line.numbers("mean"));
-  const std::size_t d = s.mean.size();
-  if (d == 0) line.fail("\"mean\" is empty");
-  s.covariance = matrix_of(line, "covariance", d, d, fmt::format("\"covariance\" must be {0} × {0}", d));
-  s.maximum_a_posteriori = vector_of(line.numbers("maximum_a_posteriori", d));
-  const Located quantiles = line.object("quantiles");
-  s.levels = quantiles.numbers("levels");
-  s.quantiles =
-      matrix_of(quantiles, "values", d, s.levels.size(), "each row of \"values\" needs one number per level");
-}
-
-void read_watch(const Located& line, Step& s) {
-  s.notice = line.text_or("notice");
+void read_watch(const JsonObject& line, Step& s) {
   if (line.has("monitor")) {
-    const Located monitor = line.object("monitor");
+    const JsonObject monitor = line.object("monitor");
     s.monitor.smoothed_increment = monitor.number("smoothed_increment");
     s.monitor.cumulative_sum = monitor.number("cumulative_sum");
     s.monitor.threshold = monitor.number("threshold");
@@ -151,23 +55,23 @@ void read_watch(const Located& line, Step& s) {
     s.monitor.discrepancy = monitor.number_or("discrepancy", 0.0);
   }
   if (line.has("nuisances")) {
-    const Located nuisances = line.object("nuisances");
+    const JsonObject nuisances = line.object("nuisances");
     for (const auto& [name, value] : nuisances.value().items()) {
-      const Located error = nuisances.member(name, value);
+      const JsonObject error = nuisances.member(name, value);
       s.lasting_errors.push_back({name, error.number("mean"), error.number("std")});
     }
   }
   if (!line.has("models")) return;
-  const Located models = line.object("models");
+  const JsonObject models = line.object("models");
   for (const auto& [name, value] : models.value().items()) {
-    const Located m = models.member(name, value);
+    const JsonObject m = models.member(name, value);
     s.models[name] = {m.number("probability"), m.number("log_evidence"), m.number("log_bayes_factor")};
   }
 }
 
-assimilation::Verdict verdict_of(const Located& verdict) {
+assimilation::Verdict verdict_of(const JsonObject& verdict) {
   using assimilation::VerdictLevel;
-  const auto word = [](const Located& from, const char* key, auto otherwise) {
+  const auto word = [](const JsonObject& from, const char* key, auto otherwise) {
     const auto value = from_text<decltype(otherwise)>(from.text_or(key));
     if (!value) from.fail(fmt::format("\"{}\" is \"{}\"", key, from.text_or(key)));
     return *value;
@@ -175,7 +79,7 @@ assimilation::Verdict verdict_of(const Located& verdict) {
   assimilation::Verdict v;
   if (!verdict.at("reasons").is_array()) verdict.fail("\"reasons\" must be a list");
   for (const json& entry : verdict.at("reasons")) {
-    const Located r = verdict.member("reasons", entry);
+    const JsonObject r = verdict.member("reasons", entry);
     assimilation::VerdictReason reason;
     reason.part = word(r, "code", reason.part);
     reason.level = word(r, "level", reason.level);
@@ -186,40 +90,27 @@ assimilation::Verdict verdict_of(const Located& verdict) {
   }
   v.level = word(verdict, "level", VerdictLevel::ok);
   v.fit_probability = verdict.number("fit_probability");
-  v.model_shift_std = vector_of(verdict.numbers("model_shift_std"));
-  v.edge_mass = vector_of(verdict.numbers("edge_mass"));
+  v.model_shift_std = verdict.vector("model_shift_std");
+  v.edge_mass = verdict.vector("edge_mass");
   return v;
 }
 
-Step step_of(const Located& line) {
+Step step_of(const JsonObject& line) {
   Step s;
-  s.step = line.count("step");
-  s.time = line.number("time");
-  read_moments(line, s);
-  s.map_order = line.number("map_order");
-  s.variance_diagnostic = line.number("variance_diagnostic");
-  s.effective_sample_size = line.number("ess");
-  if (!line.at("trusted").is_boolean()) line.fail("\"trusted\" must be true or false");
-  s.trusted = line.at("trusted").get<bool>();
-  s.remark = line.text_or("remark");
+  read_fields(line, s, s.levels);
   if (line.has("verdict")) s.verdict = verdict_of(line.object("verdict"));
-  s.log_evidence = line.number("log_evidence");
-  s.log_evidence_increment = line.number("log_evidence_increment");
-  s.used = line.count("used");
-  s.rejected = line.count("rejected");
-  s.missing = line.count("missing");
   read_watch(line, s);
-  const Located elapsed = line.object("elapsed_us");
+  const JsonObject elapsed = line.object("elapsed_us");
   s.update_us = elapsed.number("update");
   s.forecast_us = elapsed.number_or("forecast", 0.0);
   s.total_us = elapsed.number("total");
   if (line.has("marginals")) {
-    const Located marginals = line.object("marginals");
+    const JsonObject marginals = line.object("marginals");
     for (const auto& [name, value] : marginals.value().items())
-      s.marginals[name] = marginals.member(name, value).density("points", "density");
+      s.marginals[name] = density_of(marginals.member(name, value), "points", "density");
   }
   if (line.has("forecast")) {
-    const Located forecasts = line.object("forecast");
+    const JsonObject forecasts = line.object("forecast");
     for (const auto& [name, value] : forecasts.value().items())
       s.forecast[name] = forecast_of(forecasts.member(name, value));
   }
@@ -244,7 +135,7 @@ std::vector<Step> read_steps(const std::string& path, std::string& computed_at) 
     if (text.find_first_not_of(" \t\r") == std::string::npos) continue;
     const std::string where = fmt::format("{}:{}", path, number);
     const json value = parse(text, where);
-    const Located line(value, where);
+    const JsonObject line(value, where);
     if (line.has("done")) continue;
     steps.push_back(step_of(line));
     computed_at = line.text_or("wall_clock");
@@ -256,7 +147,7 @@ std::vector<Step> read_steps(const std::string& path, std::string& computed_at) 
   return steps;
 }
 
-std::string prior_in_words(const Located& parameter) {
+std::string prior_in_words(const JsonObject& parameter) {
   if (!parameter.has("prior")) return {};
   const json& prior = parameter.at("prior");
   if (prior.is_string()) return prior.get<std::string>();
@@ -268,25 +159,25 @@ std::string prior_in_words(const Located& parameter) {
   return kind + (numbers.empty() ? "" : " (" + numbers + ")");
 }
 
-void read_parameters(const Located& summary, Results& results) {
+void read_parameters(const JsonObject& summary, Results& results) {
   if (!summary.has("parameters")) return;
   const json& list = summary.at("parameters");
   if (!list.is_array()) summary.fail("\"parameters\" must be a list");
   for (const auto& entry : list) {
-    const Located p = summary.member("parameters", entry);
+    const JsonObject p = summary.member("parameters", entry);
     results.parameters.push_back({p.text_or("name"), prior_in_words(p), p.optional_number("lower"),
                                   p.optional_number("upper"), p.optional_number("reference"),
                                   p.text_or("units"), p.optional_number("truth")});
   }
 }
 
-void read_residuals(const Located& summary, Residuals& r) {
+void read_residuals(const JsonObject& summary, Residuals& r) {
   if (!summary.has("residuals")) return;
-  const Located entry = summary.object("residuals");
+  const JsonObject entry = summary.object("residuals");
   if (entry.has("series")) {
-    const Located list = entry.object("series");
+    const JsonObject list = entry.object("series");
     for (const auto& [name, value] : list.value().items()) {
-      const Located fit = list.member(name, value);
+      const JsonObject fit = list.member(name, value);
       SeriesFit& series = r.series[name];
       series.units = fit.text_or("units");
       series.std = fit.number("std");
@@ -314,7 +205,7 @@ void read_summary(const std::string& path, Results& results) {
   std::ifstream file(path);
   if (!file) return;
   const json value = parse({std::istreambuf_iterator<char>(file), {}}, path + ":1");
-  const Located summary(value, path);
+  const JsonObject summary(value, path);
   results.summary_found = true;
   results.created_by = summary.text_or("created_by");
   results.project = summary.text_or("project");
@@ -327,18 +218,18 @@ void read_summary(const std::string& path, Results& results) {
   results.judged = summary.has("verdict");
   if (results.judged) results.verdict = verdict_of(summary.object("verdict"));
   if (summary.has("refinement")) {
-    const Located r = summary.object("refinement");
+    const JsonObject r = summary.object("refinement");
     results.refinement = {r.number("full_order_runs"), r.number("version"), r.number("moved_std")};
   }
   if (summary.has("prior_marginals")) {
-    const Located marginals = summary.object("prior_marginals");
+    const JsonObject marginals = summary.object("prior_marginals");
     for (const auto& [name, entry] : marginals.value().items())
-      results.prior_marginals[name] = marginals.member(name, entry).density("points", "density");
+      results.prior_marginals[name] = density_of(marginals.member(name, entry), "points", "density");
   }
   if (summary.has("forecasts")) {
-    const Located forecasts = summary.object("forecasts");
+    const JsonObject forecasts = summary.object("forecasts");
     for (const auto& [name, entry] : forecasts.value().items()) {
-      const Located f = forecasts.member(name, entry);
+      const JsonObject f = forecasts.member(name, entry);
       results.forecasts[name] = {f.text_or("quantity"), f.optional_number("horizon"),
                                  f.optional_number("threshold"), f.text_or("unit")};
     }
@@ -348,7 +239,7 @@ void read_summary(const std::string& path, Results& results) {
     for (const ParameterSummary& parameter : results.parameters)
       results.draws.push_back(summary.object("draws").numbers(parameter.name.c_str()));
   if (summary.has("load_displacement")) {
-    const Located curve = summary.object("load_displacement");
+    const JsonObject curve = summary.object("load_displacement");
     results.displacement = curve.numbers("displacement");
     if (curve.has("time")) results.curve_time = curve.numbers("time", results.displacement.size());
     results.force = curve.numbers("force", results.displacement.size());

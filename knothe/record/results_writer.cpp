@@ -273,7 +273,12 @@ void ResultsWriter::write_summary(const std::string& path, double elapsed_s) con
 }
 
 void ResultsWriter::write_posterior(const std::string& path) const {
-  write_posterior_file(path, {project_, model_, measurements_, priors_, steps_, observed_, verdict()});
+  const auto observed =
+      observed_ ? observed_
+                : std::make_shared<const model::ObservedModel>(model::observe(model_, measurements_.sensors));
+  write_posterior_file(path, {project_.text, project_.method.seed, model_.contents().axes, priors_, *observed,
+                              measurements_.sensors, measurements_.series, measurements_.noise.measurement(),
+                              steps_, verdict()});
 }
 
 void ResultsWriter::write_fields(const std::string& folder) const {

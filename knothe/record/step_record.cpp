@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "knothe/posterior/quadrature/marginal_density.hpp"
+#include "knothe/record/fields.hpp"
 #include "knothe/record/json_values.hpp"
 #include "knothe/record/physical_parameters.hpp"
 
@@ -89,38 +90,23 @@ Json verdict_record(const assimilation::Verdict& verdict) {
 Json step_record(const assimilation::StepResult& result, std::span<const model::Axis> axes) {
   const assimilation::UpdateResult& r = result.update;
   const double forecast_us = result.forecast_us;
-  Json record = {{"step", r.step},
-                 {"time", r.time},
-                 {"wall_clock", utc_text(result.computed_at)},
-                 {"parameters", parameter_names(axes)},
-                 {"mean", to_json(r.mean)},
-                 {"covariance", rows_of(r.covariance)},
-                 {"maximum_a_posteriori", to_json(r.maximum_a_posteriori)},
-                 {"quantiles", {{"levels", numerics::k_quantile_levels}, {"values", rows_of(r.quantiles)}}},
-                 {"method", to_text(r.method)},
-                 {"map_order", r.map_order},
-                 {"variance_diagnostic", r.variance_diagnostic},
-                 {"tolerance_reached", r.tolerance_reached},
-                 {"ess", r.effective_sample_size},
-                 {"verdict", verdict_record(r.verdict)},
-                 {"trusted", r.trusted},
-                 {"log_evidence", r.log_evidence},
-                 {"log_evidence_increment", r.log_evidence_increment},
-                 {"bias_correction", r.bias_corrected ? "on" : "off"},
-                 {"used", r.used},
-                 {"rejected", r.rejected},
-                 {"missing", r.missing},
-                 {"elapsed_us",
-                  {{"update", r.elapsed_us.total()},
-                   {"forecast", forecast_us},
-                   {"total", r.elapsed_us.total() + forecast_us},
-                   {"projection", r.elapsed_us.projection},
-                   {"map", r.elapsed_us.map},
-                   {"correction", r.elapsed_us.correction},
-                   {"watch", r.elapsed_us.watch},
-                   {"verdict", r.elapsed_us.verdict}}},
-                 {"forecast", forecast_record(result.forecasts, false)}};
+  Json record = fields_record(r);
+  record["wall_clock"] = utc_text(result.computed_at);
+  record["parameters"] = parameter_names(axes);
+  record["verdict"] = verdict_record(r.verdict);
+  record["bias_correction"] = r.bias_corrected ? "on" : "off";
+  record["elapsed_us"] = {{"update", r.elapsed_us.total()},
+                          {"forecast", forecast_us},
+                          {"total", r.elapsed_us.total() + forecast_us},
+                          {"projection", r.elapsed_us.projection},
+                          {"map", r.elapsed_us.map},
+                          {"correction", r.elapsed_us.correction},
+                          {"watch", r.elapsed_us.watch},
+                          {"verdict", r.elapsed_us.verdict}};
+  record["forecast"] = forecast_record(result.forecasts, false);
   record["physical"] = physical_record(axes, r.mean, r.covariance);
+  if (!r.notice.empty()) record["notice"] = r.notice;
+  if (!r.remark.empty()) record["remark"] = r.remark;
   if (r.noise_level) record["noise_level"] = *r.noise_level;
   if (result.followed)
     record["monitor"] = {{"probability", r.monitor.upper_probability},
@@ -130,8 +116,6 @@ Json step_record(const assimilation::StepResult& result, std::span<const model::
                          {"smoothed_increment", r.monitor.smoothed_increment},
                          {"discrepancy", r.monitor.discrepancy}};
   if (result.model_version > 0) record["model_version"] = result.model_version;
-  if (!r.notice.empty()) record["notice"] = r.notice;
-  if (!r.remark.empty()) record["remark"] = r.remark;
   if (result.sensors) record["sensors"] = sensor_record(*result.sensors);
   if (!result.stuck.empty()) record["stuck"] = result.stuck;
   if (!result.absent.empty()) record["absent"] = result.absent;

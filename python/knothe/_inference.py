@@ -84,8 +84,9 @@ class InferenceResult(Posterior):
         """
         return str(self.record["verdict"])
 
-    def to_xarray(self, draws: int = 500) -> "dict[str, xarray.Dataset]":
-        """One Dataset for each of ArviZ's groups; the draws of ``posterior`` are `chains`.
+    def to_xarray(self, draws: int = 1000) -> "dict[str, xarray.Dataset]":
+        """One Dataset for each of ArviZ's groups; the draws of ``posterior`` are all of `chains`, where these are
+        independent draws in four parts.
 
         Parameters
         ----------
@@ -101,16 +102,13 @@ class InferenceResult(Posterior):
         --------
         >>> found = knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0)
         >>> dict(found.to_xarray()["posterior"].sizes)
-        {'chain': 1, 'draw': 10000}
+        {'chain': 4, 'draw': 2500}
         """
-        import xarray
-
-        groups = super().to_xarray(draws)
-        chains, count, _ = self.chains.shape
-        groups["posterior"] = xarray.Dataset(
-            {name: (("chain", "draw"), self.chains[..., k], self._labels[name]) for k, name in enumerate(self.parameters)},
-            {"chain": np.arange(chains), "draw": np.arange(count)})
-        return groups
+        chains = self.chains
+        if len(chains) == 1:
+            count = chains.shape[1] // 4 * 4
+            chains = chains[:, :count].reshape(4, count // 4, -1)
+        return self._groups(chains)
 
 
 def _over_points(function: Callable[[Array], ArrayLike]) -> Callable[[Array], Array]:

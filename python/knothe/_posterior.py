@@ -14,6 +14,8 @@ from knothe._values import Array, count_of
 if TYPE_CHECKING:
     import xarray
 
+_CHAINS = 4
+
 
 @dataclass(frozen=True)
 class Reason:
@@ -414,48 +416,41 @@ class Posterior:
         lower, upper = self.densities[k][:2] if self.densities else (-np.inf, np.inf)
         return _knothe.marginal_density(self.points[:, k], self.weights, lower, upper)
 
-    def to_xarray(self, draws: int = 500) -> "dict[str, xarray.Dataset]":
+    def to_xarray(self, draws: int = 1000) -> "dict[str, xarray.Dataset]":
         """One Dataset for each of ArviZ's groups.
 
         Parameters
         ----------
         draws : int
-            Number of draws.
+            Number of draws, in four chains: they are independent, but r̂ compares chains.
 
         Returns
         -------
         dict of str to xarray.Dataset
-            ``posterior`` (chain, draw), ``weighted_posterior`` (point, parameter) and ``sample_stats``.
+            ``posterior`` (chain, draw), ``weighted_posterior`` (point, parameter), and ``history`` (step): one step.
 
         Examples
         --------
         >>> groups = result.to_xarray(draws=100)
         >>> sorted(groups), groups["posterior"]["E"].shape
-        (['posterior', 'sample_stats', 'weighted_posterior'], (1, 100))
+        (['history', 'posterior', 'weighted_posterior'], (4, 25))
         """
+        per_chain = -(-draws // _CHAINS)
+        return self._groups(self.draws(_CHAINS * per_chain).reshape(_CHAINS, per_chain, -1))
+
+    def _groups(self, chains: Array) -> "dict[str, xarray.Dataset]":
+        """With draws of shape (chain, draw, parameter)."""
         import xarray
 
-        values = self.draws(draws)
-        chain = {"chain": [0], "draw": np.arange(len(values))}
-        posterior = {name: (("chain", "draw"), values[np.newaxis, :, k], self._labels.get(name)) for k, name in enumerate(self.parameters)}
+        posterior = {name: (("chain", "draw"), chains[..., k], self._labels.get(name)) for k, name in enumerate(self.parameters)}
+        coordinates = {"chain": np.arange(chains.shape[0]), "draw": np.arange(chains.shape[1])}
         weighted = {"points": (("point", "parameter"), self.points), "weights": (("point",), self.weights)}
-        return {"posterior": xarray.Dataset(posterior, chain),
+        numbers = {name: ("step", [value]) for name, value in self.record.items()
+                   if isinstance(value, (bool, int, float)) and name != "step"}
+        return {"posterior": xarray.Dataset(posterior, coordinates),
                 "weighted_posterior": xarray.Dataset(weighted, {"parameter": self.parameters}),
-                "sample_stats": xarray.Dataset(statistics_of(self.record))}
+                "history": xarray.Dataset(numbers, {"step": [self.record.get("step", 0)]})}
 
     def __repr__(self) -> str:
         numbers = ", ".join(f"{name} = {m:.4g} ± {s:.2g}" for name, m, s in zip(self.parameters, self.mean, self.std))
         return f"<{type(self).__name__}: {numbers}{'' if self.trusted else '; ' + ('' if self.remark.startswith('Not trusted') else 'not trusted: ') + self.remark}>"
-
-
-_LEVELS = {"ok": 0, "caution": 1, "reject": 2}
-
-
-def statistics_of(record: Mapping[str, Any]) -> dict[str, Any]:
-    """What `sample_stats` says of a step."""
-    names = ("time", "map_order", "variance_diagnostic", "ess", "trusted", "log_evidence", "log_evidence_increment")
-    statistics = {name: record[name] for name in names if name in record}
-    if isinstance(record.get("verdict"), dict):
-        statistics["verdict"] = _LEVELS[record["verdict"]["level"]]
-        statistics["fit_probability"] = record["verdict"]["fit_probability"]
-    return statistics

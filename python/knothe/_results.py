@@ -15,8 +15,25 @@ from knothe._values import counted
 if TYPE_CHECKING:
     import xarray
 
-_GROUPS = ("posterior", "posterior_predictive", "observed_data", "constant_data", "sample_stats", "log_likelihood",
-           "weighted_posterior", "last_posterior", "forecast")
+_GROUPS = ("posterior", "posterior_predictive", "log_likelihood", "sample_stats", "prior", "prior_predictive", "observed_data",
+           "constant_data", "history", "weighted_posterior", "last_posterior", "forecast")
+
+
+def groups_of(file: pathlib.Path) -> "dict[str, xarray.Dataset]":
+    """The groups that a file of results has, read where they are needed."""
+    import xarray
+
+    groups = {}
+    for group in _GROUPS:
+        try:
+            dataset = xarray.open_dataset(file, group=group, engine="h5netcdf")
+        except (OSError, KeyError, ValueError) as error:
+            if not file.exists():
+                raise DataError(f"{file}: not there: the results are incomplete") from error
+            continue
+        groups[group] = dataset.assign_coords({name: dataset[name].astype(np.int64) for name in ("chain", "draw", "step")
+                                               if name in dataset.coords})  # a file of 0.1 has floating point there
+    return groups
 
 
 class Results:
@@ -36,7 +53,7 @@ class Results:
     >>> len(results.steps), results.verdict.level
     (5, 'ok')
     >>> results.to_xarray()["posterior"]["E"].dims
-    ('chain', 'draw', 'step')
+    ('chain', 'draw')
     """
 
     def __init__(self, folder: pathlib.Path) -> None:
@@ -103,7 +120,7 @@ class Results:
         return Posterior(record, self.parameters, weighted["points"].values, weighted["weights"].values, densities, labels)
 
     def to_xarray(self) -> "dict[str, xarray.Dataset]":
-        """One Dataset for each of ArviZ's groups, read from the file where it is needed; dims (chain, draw, ...).
+        """One Dataset for each of ArviZ's groups, read from the file where it is needed.
 
         Returns
         -------
@@ -120,19 +137,7 @@ class Results:
         >>> knothe.open_results("results").to_xarray()["observed_data"]["displacement"].dims
         ('step', 'observation')
         """
-        import xarray
-
-        groups = {}
-        for group in _GROUPS:
-            try:
-                dataset = xarray.open_dataset(self._file, group=group, engine="h5netcdf")
-            except (OSError, KeyError, ValueError) as error:
-                if not self._file.exists():
-                    raise DataError(f"{self._file}: not there: the results are incomplete") from error
-                continue
-            groups[group] = dataset.assign_coords({name: dataset[name].astype(np.int64) for name in ("chain", "draw", "step")
-                                                   if name in dataset.coords})  # a file of 0.1 has floating point there
-        return groups
+        return groups_of(self._file)
 
     def __repr__(self) -> str:
         return f"<Results {self.folder}: {counted(len(self.steps), 'step')}>"

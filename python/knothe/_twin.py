@@ -3,6 +3,8 @@ from __future__ import annotations
 
 import json
 import os
+import pathlib
+import tempfile
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +14,8 @@ from numpy.typing import ArrayLike
 from knothe import _knothe
 from knothe._errors import UsageError
 from knothe._models import Model, _at_points
-from knothe._posterior import Forecast, Posterior, Verdict, statistics_of
+from knothe._posterior import Forecast, Posterior, Verdict
+from knothe._results import groups_of
 from knothe._values import Array, Precision, Prior, Sensors, count_of, counted, measured_values, noise_values, prior_values, step_of
 
 if TYPE_CHECKING:
@@ -413,23 +416,21 @@ class Twin:
         index = step_of(step, len(self.times))
         return _at_points(lambda points: self._native.predict(points, index, False)[0], at, self.parameters)
 
-    def to_xarray(self, draws: int = 500, predictive_draws: int = 50) -> "dict[str, xarray.Dataset]":
-        """One Dataset for each of ArviZ's groups, over all steps with data.
+    def to_xarray(self, draws: int = 1000) -> "dict[str, xarray.Dataset]":
+        """One Dataset for each of ArviZ's groups, as ``knothe assimilate`` writes them.
 
         Parameters
         ----------
         draws : int
-            Number of draws of each step.
-        predictive_draws : int
-            Number of draws for which data are predicted.
+            Number of draws from the posterior and from the prior, in four chains.
 
         Returns
         -------
         dict of str to xarray.Dataset
-            ``posterior`` (chain, draw, step), ``log_likelihood`` (chain, draw, step) of each step's last datum,
-            ``posterior_predictive`` (chain, draw, step, observation) with noise, of every 10th draw (fewer with many sensors),
-            ``observed_data`` (step, observation), ``sample_stats`` (step), ``forecast`` (step, forecast). The measured values are
-            `displacement`, m; scalar series have their own names.
+            ``posterior`` (chain, draw) of the last step with data; ``posterior_predictive`` and ``log_likelihood`` (chain,
+            draw, step, observation) of the data of all steps under these draws, or fewer of them with many sensors;
+            ``prior``, ``prior_predictive``, ``observed_data`` (step, observation); ``history`` (step) of the posteriors
+            before; ``forecast`` (step, forecast). The measured values are `displacement`, m; scalar series have their own names.
 
         Raises
         ------
@@ -442,65 +443,14 @@ class Twin:
         >>> groups["observed_data"]["displacement"].dims, groups["forecast"]["mean"].shape
         (('step', 'observation'), (5, 1))
         """
-        import xarray
-
-        results = [self.result(step) for step in self.steps]
-        if not results:
-            raise UsageError("no datum has been assimilated yet")
-        step = {"step": [r.step for r in results], "time": ("step", [r.time for r in results])}
-        stride = -(-draws // max(1, predictive_draws))
-        drawn = [self._native.draws(r.step, draws, stride) for r in results]
-        values, likelihood, predicted = (np.stack([d[i] for d in drawn], axis=1)[np.newaxis] for i in range(3))
-        measured = np.stack([self._native.values(r.step) for r in results])
-        chain = {"chain": [0], "draw": np.arange(draws), **step}
-        labels = results[-1]._labels
-        posterior = {name: (("chain", "draw", "step"), values[..., k], labels[name]) for k, name in enumerate(self.parameters)}
-        statistics = [statistics_of(r.record) for r in results]
-        _, components, scalars, _ = self._native.sensors()
-        count = len(components)  # scalar series come last
-        places = self._observations()
-
-        def observations(data: Array, dims: tuple[str, ...]) -> dict[str, Any]:
-            series = {name: (dims, data[..., count + k]) for k, name in enumerate(scalars)}
-            return {"displacement": ((*dims, "observation"), data[..., :count], {"units": "m"}), **series} if count else series
-
-        groups = {
-            "posterior": xarray.Dataset(posterior, chain),
-            "log_likelihood": xarray.Dataset({"datum": (("chain", "draw", "step"), likelihood)}, chain),
-            "posterior_predictive": xarray.Dataset(
-                observations(predicted, ("chain", "draw", "step")), {**chain, "draw": np.arange(0, draws, stride), **places}),
-            "observed_data": xarray.Dataset(
-                observations(measured, ("step",)), {**step, **places}),
-            "sample_stats": xarray.Dataset(
-                {name: (("step",), [s[name] for s in statistics]) for name in statistics[0] if name != "time"}, step)}
-        if results[-1].forecast:
-            groups["forecast"] = self._forecasts(results, step)
-        return groups
-
-    @staticmethod
-    def _forecasts(results: "list[StepResult]", step: Mapping[str, Any]) -> "xarray.Dataset":
-        """What is said of each quantity of interest, by step."""
-        import xarray
-
-        forecasts = [list(result.forecast.items()) for result in results]
-        last = [forecast for _, forecast in forecasts[-1]]
-        names = ("mean", "std", "maximum_a_posteriori", "probability_above_threshold", "probability_below_threshold")
-        content = {name: (("step", "forecast"), [[getattr(f, name) for _, f in row] for row in forecasts]) for name in names}
-        return xarray.Dataset(
-            {**content, "quantiles": (("step", "forecast", "level"), [[f.values for _, f in row] for row in forecasts])},
-            {**step, "forecast": [name for name, _ in forecasts[-1]], "level": last[0].levels,
-             "units": ("forecast", [f.units for f in last]), "horizon": ("forecast", [f.horizon for f in last]),
-             "threshold": ("forecast", [f.threshold for f in last])})
-
-    def _observations(self) -> dict[str, Any]:
-        """Coordinates on `observation`: its name, and the place."""
-        places, components, _, names = self._native.sensors()
-        if not names:
-            return {}
-        directions = ["xyz"[c] for c in components]
-        return {"observation": names,
-                "direction": ("observation", directions),
-                **{axis: ("observation", places[:, k]) for k, axis in enumerate("xyz")}}
+        with tempfile.TemporaryDirectory() as folder:
+            file = pathlib.Path(folder) / "posterior.nc"
+            self._native.write_posterior(str(file), -(-draws // 4))
+            groups = groups_of(file)
+            loaded = {name: group.load() for name, group in groups.items()}
+            for group in groups.values():
+                group.close()
+        return loaded
 
     def __repr__(self) -> str:
         names = f"parameter{'' if len(self.parameters) == 1 else 's'} {', '.join(self.parameters)}"

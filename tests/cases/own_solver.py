@@ -199,8 +199,9 @@ with h5py.File("results/posterior.nc") as f:
     assert "displacement" not in predicted and "displacement" not in observed
     of_results = {name: predicted[name].attrs["units"].decode() for name in units}
     assert of_results == units == {name: observed[name].attrs["units"].decode() for name in units}, of_results
-    # With noise: the data lie in the predictive distribution of their own step.
-    z = [((observed[n][:] - predicted[n][0].mean(0)) / predicted[n][0].std(0)) for n in units]
+    # With noise: the data lie in the predictive distribution.
+    drawn = {n: predicted[n][:].reshape(-1, predicted[n].shape[-1]) for n in units}
+    z = [((observed[n][:] - drawn[n].mean(0)) / drawn[n].std(0)) for n in units]
     spread = [float((one ** 2).mean()) for one in z]
 print(json.dumps([units, spread]))
 with h5py.File("data.h5", "a") as f:

@@ -38,7 +38,7 @@ class Test(Case):
     def test_the_posterior_is_hdf5_with_the_groups_of_arviz(self):
         content = (self.results / "posterior.nc").read_bytes()
         self.assertEqual(content[:8], b"\x89HDF\r\n\x1a\n")
-        for group in (b"posterior", b"posterior_predictive", b"observed_data", b"sample_stats", b"DIMENSION_LIST"):
+        for group in (b"posterior", b"posterior_predictive", b"observed_data", b"sample_stats", b"history", b"DIMENSION_LIST"):
             self.assertIn(group, content)
 
     def test_the_fields_are_xml_and_listed_with_their_times(self):

@@ -43,4 +43,29 @@ Eigen::VectorXd log_likelihoods(const Eigen::Ref<const Eigen::MatrixXd>& predict
   return -0.5 * (misfit.array() + constant).matrix();
 }
 
+bool can_be_split(const Eigen::Ref<const Eigen::VectorXd>& values, const GaussianNoise& noise) {
+  if (noise.is_independent()) return true;
+  for (Eigen::Index i = 0; i < noise.size(); ++i)
+    if (noise.is_measured(i) && (i >= values.size() || std::isnan(values[i]))) return false;
+  return true;
+}
+
+Eigen::MatrixXd pointwise_log_likelihoods(const Eigen::Ref<const Eigen::MatrixXd>& predictions,
+                                          const Eigen::Ref<const Eigen::VectorXd>& values,
+                                          const GaussianNoise& noise) {
+  // With P = R⁻¹ and r the residual, value i given the others is N(y_i − (P r)_i / P_ii, 1 / P_ii).
+  const Eigen::VectorXd diagonal = noise.precision().diagonal();
+  Eigen::MatrixXd residual = Eigen::MatrixXd::Zero(noise.size(), predictions.cols());
+  for (Eigen::Index i = 0; i < values.size(); ++i)
+    if (!std::isnan(values[i])) residual.row(i) = values[i] - predictions.row(i).array();
+  const Eigen::MatrixXd weighted = noise.apply(residual);
+  Eigen::MatrixXd logarithms = Eigen::MatrixXd::Zero(values.size(), predictions.cols());
+  for (Eigen::Index i = 0; i < values.size(); ++i) {
+    if (std::isnan(values[i]) || !noise.is_measured(i)) continue;
+    const double constant = std::log(diagonal[i] / (2 * std::numbers::pi));
+    logarithms.row(i) = 0.5 * (constant - weighted.row(i).array().square() / diagonal[i]);
+  }
+  return logarithms;
+}
+
 }  // namespace knothe::likelihood

@@ -20,4 +20,13 @@ namespace knothe::likelihood {
                                               const Eigen::Ref<const Eigen::VectorXd>& values,
                                               const GaussianNoise& noise);
 
+/// log p(value i | the other values, prediction), rows × count: what leave-one-out cross-validation needs of
+/// values whose errors are correlated (Vehtari, Gelman, Gabry, Stat. Comput. 27, 2017; Bürkner et al.,
+/// Comput. Stat. 36, 2021), and of independent ones the density of each. 0 where nothing was measured: such a
+/// value says nothing. With correlated noise all dofs that it measures must be there (`can_be_split`).
+[[nodiscard]] Eigen::MatrixXd pointwise_log_likelihoods(const Eigen::Ref<const Eigen::MatrixXd>& predictions,
+                                                        const Eigen::Ref<const Eigen::VectorXd>& values,
+                                                        const GaussianNoise& noise);
+[[nodiscard]] bool can_be_split(const Eigen::Ref<const Eigen::VectorXd>& values, const GaussianNoise& noise);
+
 }  // namespace knothe::likelihood

@@ -59,5 +59,35 @@ TEST(Predictive, LikelihoodIsTheDenseFormula) {
   EXPECT_EQ(log_likelihoods(predictions, values, noise)[0], 0);
 }
 
+TEST(Predictive, EachValueGivenTheOthersIsTheRatioOfTwoDensities) {
+  const GaussianNoise noise = GaussianNoise::of_covariance(covariance());
+  Eigen::MatrixXd predictions(4, 2);
+  predictions << 0.1, 0.4, -0.5, 0.2, 0.3, 1.0, 2.0, -1.0;
+  const Eigen::Vector4d values(0.7, -0.2, 0.1, 0.5);
+  ASSERT_TRUE(can_be_split(values, noise));
+  const Eigen::MatrixXd found = pointwise_log_likelihoods(predictions, values, noise);
+  for (int i = 0; i < 4; ++i) {
+    std::vector<int> others;
+    for (int k = 0; k < 4; ++k)
+      if (k != i) others.push_back(k);
+    for (const int j : {0, 1}) {
+      const Eigen::VectorXd r = values - predictions.col(j);
+      EXPECT_NEAR(found(i, j),
+                  log_density(r, covariance()) - log_density(r(others), covariance()(others, others)), 1e-12);
+    }
+  }
+}
+
+TEST(Predictive, AValueThatIsNotThereSaysNothing) {
+  const GaussianNoise independent = GaussianNoise::independent(Eigen::Vector2d(0.5, 2));
+  const Eigen::Vector2d values(k_missing, 1);
+  const Eigen::MatrixXd found = pointwise_log_likelihoods(Eigen::MatrixXd::Zero(2, 1), values, independent);
+  EXPECT_EQ(found(0, 0), 0);
+  EXPECT_NEAR(found(1, 0), log_density(Eigen::VectorXd::Ones(1), Eigen::MatrixXd::Constant(1, 1, 4)), 1e-14);
+  EXPECT_TRUE(can_be_split(values, independent));
+  // With correlated noise the others' density would be that of the values that are there.
+  EXPECT_FALSE(can_be_split(Eigen::Vector4d(1, k_missing, 1, 1), GaussianNoise::of_covariance(covariance())));
+}
+
 }  // namespace
 }  // namespace knothe::likelihood

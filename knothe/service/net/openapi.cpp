@@ -1,6 +1,7 @@
 #include <nlohmann/json.hpp>
 
 #include "knothe/base/version.hpp"
+#include "knothe/record/fields.hpp"
 #include "knothe/service/net/api.hpp"
 
 namespace knothe::service {
@@ -81,53 +82,14 @@ std::string openapi_document() {
                                   {"fit_probability", number},
                                   {"edge_mass", numbers}},
                                  {"level", "reasons"});
-  const Json line = object_of({{"step", integer},
-                               {"time", number},
-                               {"mean", numbers},
-                               {"covariance", rows},
-                               {"maximum_a_posteriori", numbers},
-                               {"quantiles", any},
-                               {"map_order", integer},
-                               {"variance_diagnostic", number},
-                               {"tolerance_reached", boolean},
-                               {"ess", number},
-                               {"trusted", boolean},
-                               {"verdict", verdict},
-                               {"log_evidence", number},
-                               {"log_evidence_increment", number},
-                               {"bias_correction", words},
-                               {"used", integer},
-                               {"rejected", integer},
-                               {"missing", integer},
-                               {"elapsed_us", any},
-                               {"forecast", any},
-                               {"site", words},
-                               {"event", integer},
-                               {"data", integer},
-                               {"received_at", number}},
-                              {"step",
-                               "time",
-                               "mean",
-                               "covariance",
-                               "maximum_a_posteriori",
-                               "quantiles",
-                               "map_order",
-                               "variance_diagnostic",
-                               "tolerance_reached",
-                               "ess",
-                               "trusted",
-                               "verdict",
-                               "log_evidence",
-                               "log_evidence_increment",
-                               "bias_correction",
-                               "used",
-                               "rejected",
-                               "missing",
-                               "elapsed_us",
-                               "forecast",
-                               "site",
-                               "event",
-                               "data"});
+  Json line = object_of({}, Json::array());
+  record::add_schema(line["properties"], line["required"]);
+  line["properties"].update({{"verdict", verdict},
+                             {"site", words},
+                             {"event", integer},
+                             {"data", integer},
+                             {"received_at", number}});
+  for (const char* key : {"site", "event", "data"}) line["required"].push_back(key);
   const Json datum = object_of({{"site", words},
                                 {"source", words},
                                 {"session", words},
