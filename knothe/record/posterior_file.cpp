@@ -33,6 +33,7 @@ using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::Ro
 constexpr Eigen::Index k_chains = 4;
 constexpr Eigen::Index k_predicted_values = 2'000'000;  ///< at most, in all: 8 MB
 constexpr Eigen::Index k_prior_values = k_predicted_values / 4;
+constexpr double k_nothing = 1e-6;           ///< a smaller range of a log density
 constexpr Eigen::Index k_enough_draws = 25;  ///< of a chain, to say how probable each value is
 constexpr std::uint64_t k_prior_seed = 1;
 constexpr Eigen::Index k_weighted_points = 2048;  ///< of each step but the last, at most
@@ -298,20 +299,24 @@ class Writer {
   /// Values of each step, rows × chosen, into a group: displacements, and each series.
   void write_by_step(const std::string& group, const Draws& draws, const std::vector<Eigen::MatrixXd>& steps,
                      const std::string& units, const std::string& meaning) {
+    // 32 bits would make steps of log densities that draws hardly change, and Pareto's k of these.
+    const auto stored = [&](std::span<const double> values) -> files::NetcdfValues {
+      return units.empty() ? files::NetcdfValues(SinglePrecision{values}) : files::NetcdfValues(values);
+    };
     const Eigen::Index n = draws.chosen(), n_displacements = n_observations_;
     std::vector<double> all;
     all.reserve(n * n_steps_ * n_displacements);
     for (Eigen::Index j = 0; j < n; ++j)
       for (const Eigen::MatrixXd& step : steps) append(all, step.col(j).head(n_displacements));
     if (n_displacements > 0)
-      out_.add_variable(group, "displacement", Names{"chain", "draw", "step", "observation"},
-                        SinglePrecision{all}, {units.empty() ? "m" : units, meaning});
+      out_.add_variable(group, "displacement", Names{"chain", "draw", "step", "observation"}, stored(all),
+                        {units.empty() ? "m" : units, meaning});
     for (std::size_t k = 0; k < file_.sensors.scalars.size(); ++k) {
       std::vector<double> series;
       for (Eigen::Index j = 0; j < n; ++j)
         for (const Eigen::MatrixXd& step : steps) series.push_back(step(n_displacements + k, j));
       const std::string& name = file_.sensors.scalars[k];
-      out_.add_variable(group, variable_of(name), Names{"chain", "draw", "step"}, SinglePrecision{series},
+      out_.add_variable(group, variable_of(name), Names{"chain", "draw", "step"}, stored(series),
                         {units.empty() ? units_of(name) : units, meaning});
     }
   }
@@ -344,9 +349,11 @@ class Writer {
       const Eigen::VectorXd measured = step.datum.values.head(there);
       sums.col(std::ssize(steps)) = likelihood::log_likelihoods(values, measured, *step.datum.noise);
       steps.push_back(Eigen::MatrixXd::Zero(n_rows_, draws.chosen()));
-      if (by_value)
-        steps.back().topRows(there) =
-            likelihood::pointwise_log_likelihoods(values, measured, *step.datum.noise);
+      if (!by_value) continue;
+      Eigen::MatrixXd split = likelihood::pointwise_log_likelihoods(values, measured, *step.datum.noise);
+      for (auto row : split.rowwise())  // what says nothing is one number: rounding has no tail to be fitted
+        if (row.maxCoeff() - row.minCoeff() < k_nothing) row.setConstant(row.mean());
+      steps.back().topRows(there) = split;
     }
     if (by_value) {
       likelihood_text_ =
