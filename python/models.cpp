@@ -398,7 +398,8 @@ assimilation::InferenceResult infer(CallableModel& model, InferenceValues& value
 py::dict infer_callable(py::function function, std::optional<py::function> jacobian,
                         const std::vector<PriorValues>& priors, const Doubles& observed, const Doubles& std,
                         const Doubles& covariance, const std::string& method, double tolerance, int max_order,
-                        Eigen::Index samples, std::uint64_t seed, const ProgressFunction& progress) {
+                        Eigen::Index samples, std::int64_t evaluations, std::uint64_t seed,
+                        const ProgressFunction& progress) {
   InferenceValues values{{}, vector_of(observed), vector_of(std), vector_of(covariance), {}};
   std::vector<std::string> names;
   for (const Prior& prior : priors_of(priors)) {
@@ -410,6 +411,7 @@ py::dict infer_callable(py::function function, std::optional<py::function> jacob
   values.options.map.max_order = max_order;
   values.options.map.seed = values.options.seed = seed;
   values.options.samples = samples;
+  values.options.evaluations = evaluations;
   values.options.names = names;
   CallableModel model(std::move(function), std::move(jacobian), std::ssize(names), values.observed.size());
   const assimilation::InferenceResult result = long_call([&] { return infer(model, values, progress); });
@@ -431,7 +433,7 @@ py::dict infer_project(const std::string& path, const std::string& method, const
 void bind_inference(py::module_& module) {
   module.def("infer_callable", &infer_callable, arg("function"), arg("jacobian"), arg("priors"),
              arg("observed"), arg("std"), arg("covariance"), arg("method"), arg("tolerance"),
-             arg("max_order"), arg("samples"), arg("seed"), arg("progress"));
+             arg("max_order"), arg("samples"), arg("evaluations"), arg("seed"), arg("progress"));
   module.def("infer_project", &infer_project, arg("path"), arg("method"), arg("results"));
 }
 

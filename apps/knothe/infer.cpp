@@ -56,8 +56,11 @@ int compare(const InferArguments& arguments, const project::Project& project) {
       record::comparison_record(comparison, assimilation::to_text(first), assimilation::to_text(second));
   files::write_text_atomically((folder / "comparison.json").string(), files::json_line(record) + "\n");
   output.line(record, record::comparison_text(runs[0], runs[1], comparison));
+  output.text(comparison.in_words());
   for (const record::InferenceRun& run : runs)
     output.text(fmt::format("{}: {}", assimilation::to_text(run.result.method), run.result.verdict));
+  if (comparison.contradict() && runs[0].result.trusted && runs[1].result.trusted)
+    return static_cast<int>(ExitStatus::rejected);
   return exit_status(runs[0].result.trusted && runs[1].result.trusted);
 }
 

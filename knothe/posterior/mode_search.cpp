@@ -66,6 +66,37 @@ Eigen::MatrixXd lower_factor(const Eigen::MatrixXd& vectors, const Eigen::Vector
 
 }  // namespace
 
+/// Along column a of `axes` a step of spread[a] is to lower log π̄ by about ½.
+void fit_spreads(CheckedDensity& target, const Eigen::VectorXd& point, double value,
+                 const Eigen::MatrixXd& axes, Eigen::VectorXd& spread) {
+  const Eigen::Index count = axes.cols();
+  // Too short, too long: where both are known the spread lies between them.
+  Eigen::VectorXd low = Eigen::VectorXd::Zero(count);
+  Eigen::VectorXd high = Eigen::VectorXd::Constant(count, std::numeric_limits<double>::infinity());
+  Eigen::MatrixXd sides(2 * count, point.size());
+  LogDensityBatch batch;
+  for (int round = 0; round < 60; ++round) {
+    for (Eigen::Index a = 0; a < count; ++a) {
+      sides.row(2 * a) = (point + spread[a] * axes.col(a)).transpose();
+      sides.row(2 * a + 1) = (point - spread[a] * axes.col(a)).transpose();
+    }
+    target.evaluate(sides, 0, batch);
+    bool fits = true;
+    for (Eigen::Index a = 0; a < count; ++a) {
+      // At a bound the density is zero on one side; the other one tells how wide it is.
+      const double up = value - batch.value[2 * a], down = value - batch.value[2 * a + 1];
+      const double drop = std::isfinite(up + down) ? 0.5 * (up + down) : std::min(up, down);
+      if ((drop > 0.1 && drop < 4) || high[a] < 1.3 * low[a]) continue;
+      fits = false;
+      (drop > 0.1 ? high[a] : low[a]) = spread[a];
+      const double next = spread[a] * (drop > 0 ? std::clamp(std::sqrt(0.5 / drop), 0.1, 4.0) : 4.0);
+      const bool outside = low[a] > 0 && std::isfinite(high[a]) && !(next > low[a] && next < high[a]);
+      spread[a] = std::clamp(outside ? std::sqrt(low[a] * high[a]) : next, 1e-12, 1e12);
+    }
+    if (fits) break;
+  }
+}
+
 void ModeSearch::scan(CheckedDensity& target, bool wide) {
   const Eigen::Index d = target.dimension();
   if (scan_points_.cols() != d) {
@@ -234,7 +265,7 @@ void ModeSearch::accept(Eigen::Index i, Eigen::Index row) {
 }
 
 /// From the rows of `trial_`.
-void ModeSearch::ascend(CheckedDensity& target) {
+void ModeSearch::ascend(CheckedDensity& target, const std::function<bool()>& is_enough) {
   const Eigen::Index d = target.dimension(), m = trial_.rows();
   climbers_.assign(m, Climber{});
   position_ = trial_;
@@ -245,7 +276,7 @@ void ModeSearch::ascend(CheckedDensity& target) {
     batch_of_.clear();
     for (Eigen::Index i = 0; i < m; ++i)
       if (climbers_[i].active) batch_of_.push_back(i);
-    if (batch_of_.empty()) return;
+    if (batch_of_.empty() || (is_enough && is_enough())) return;
     batch_points_.resize(std::ssize(batch_of_), d);
     batch_scales_.resize(std::ssize(batch_of_), d);
     for (std::size_t r = 0; r < batch_of_.size(); ++r) {
@@ -287,24 +318,7 @@ void ModeSearch::calibrate(CheckedDensity& target, Eigen::Index climber, Mode& m
   const auto& vectors = eigen.eigenvectors();
   const double largest = std::max(eigen.eigenvalues().cwiseAbs().maxCoeff(), 1e-12);
   Eigen::VectorXd spread = eigen.eigenvalues().cwiseMax(1e-9 * largest).cwiseSqrt().cwiseInverse();
-  batch_points_.resize(2 * d, d);
-  for (int round = 0; round < 60; ++round) {
-    for (Eigen::Index a = 0; a < d; ++a) {
-      const Eigen::VectorXd side = spread[a] * unit_.cwiseProduct(vectors.col(a));
-      batch_points_.row(2 * a) = (mode.point + side).transpose();
-      batch_points_.row(2 * a + 1) = (mode.point - side).transpose();
-    }
-    target.evaluate(batch_points_, 0, batch_);
-    bool fits = true;
-    for (Eigen::Index a = 0; a < d; ++a) {
-      const double drop = mode.value - 0.5 * (batch_.value[2 * a] + batch_.value[2 * a + 1]);
-      if (drop > 0.1 && drop < 4) continue;
-      fits = false;
-      spread[a] =
-          std::clamp(spread[a] * (drop > 0 ? std::clamp(std::sqrt(0.5 / drop), 0.1, 4.0) : 4.0), 1e-12, 1e12);
-    }
-    if (fits) break;
-  }
+  fit_spreads(target, mode.point, mode.value, unit_.asDiagonal() * vectors, spread);
   mode.lower = unit_.asDiagonal() * lower_factor(vectors, spread);
 }
 
@@ -332,11 +346,11 @@ void ModeSearch::collect(CheckedDensity& target, std::vector<Mode>& modes) {
 }
 
 void ModeSearch::ascend_from(CheckedDensity& target, const Eigen::Ref<const Eigen::MatrixXd>& starts,
-                             std::vector<Mode>& modes) {
+                             std::vector<Mode>& modes, const std::function<bool()>& is_enough) {
   if (starts.rows() == 0) return;
   const CheckedDensity::Leniency lenient(target);
   trial_ = starts;
-  ascend(target);
+  ascend(target, is_enough);
   collect(target, modes);
 }
 

@@ -67,13 +67,24 @@ Trust trust_of(const ImportanceResult& draws, double temperature) {
       "deviations {:.1f} % (limit 5 %)",
       draws.sample.effective_size, draws.sample.weights.size(), draws.mean_error,
       100 * draws.deviation_error);
-  trust.trusted = draws.converged;
+  trust.trusted = draws.converged && !draws.mass_beyond && draws.tail_shape <= k_trusted_tail_shape;
   if (trust.trusted) return trust;
-  trust.reason = temperature < 1 ? fmt::format(
-                                       "tempering stopped before the posterior, at temperature "
-                                       "{:.2g} of 1; use method mcmc",
-                                       temperature)
-                                 : trust.figures + "; raise the number of samples, or use method mcmc";
+  if (draws.tail_shape > k_trusted_tail_shape)
+    trust.reason = fmt::format(
+        "a tail is so heavy (it falls as distance^-{:.1f}; a standard deviation is infinite from 2 on) that "
+        "standard deviations are infinite or barely finite: use the quantiles, which hold",
+        1 / draws.tail_shape);
+  else if (draws.converged && draws.mass_beyond)
+    trust.reason =
+        "walks from the outermost draws still find mass that hardly any draw stands for; raise evaluations, "
+        "or "
+        "choose a wider region under [parameters]";
+  else
+    trust.reason = temperature < 1 ? fmt::format(
+                                         "tempering stopped before the posterior, at temperature "
+                                         "{:.2g} of 1; use method mcmc",
+                                         temperature)
+                                   : trust.figures + "; raise evaluations, or use method mcmc";
   return trust;
 }
 

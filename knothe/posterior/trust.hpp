@@ -52,8 +52,12 @@ struct QuadratureFigures {
 /// standard deviations ≤ 2 %.
 [[nodiscard]] Trust trust_of(const MetropolisResult& chains);
 
+/// Heaviest tail (`tail_shape_of`) of variables whose standard deviations are trusted; at ½ they are
+/// infinite.
+inline constexpr double k_trusted_tail_shape = 0.43;
 /// Trusted: four standard errors of a mean are below 0.1 standard deviations, of a standard deviation below
-/// 5 %. `temperature`: β of the last round, below 1 where tempering did not reach the posterior.
+/// 5 %, no tail as heavy as above, and no mass found beyond the draws. `temperature`: β of the last round,
+/// below 1 where tempering did not reach the posterior.
 [[nodiscard]] Trust trust_of(const ImportanceResult& draws, double temperature = 1);
 
 /// Of a Gaussian taken for the posterior (Kalman filters), whose importance weights have these figures.

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -24,8 +25,6 @@ void require_weights(const WeightedSample& sample) {
     throw UsageError("weighted sample: weights must be non-negative, with a positive sum");
 }
 
-constexpr double k_mean_tolerance = 0.1, k_deviation_tolerance = 0.05;
-
 }  // namespace
 
 void WeightedSample::state_evidence(double log_evidence_of_weights) {
@@ -41,9 +40,33 @@ void ImportanceResult::state_errors(const Eigen::MatrixXd& variables) {
   converged = mean_error <= k_mean_tolerance && deviation_error <= k_deviation_tolerance;
 }
 
+double tail_shape_of(const Eigen::MatrixXd& variables, const Eigen::VectorXd& weights) {
+  constexpr double k_tail = 2e-3;
+  constexpr int k_min_points = 20;
+  double shape = 0;
+  std::vector<Eigen::Index> order(weights.size());
+  for (Eigen::Index k = 0; k < variables.cols(); ++k) {
+    const double mean = variables.col(k).dot(weights);
+    for (const double side : {1.0, -1.0}) {
+      const auto distance = [&](Eigen::Index i) { return side * (variables(i, k) - mean); };
+      std::iota(order.begin(), order.end(), Eigen::Index{0});
+      std::sort(order.begin(), order.end(),
+                [&](Eigen::Index a, Eigen::Index b) { return distance(a) > distance(b); });
+      double mass = 0;
+      auto last = order.begin();
+      for (; last != order.end() && mass < k_tail; ++last) mass += weights[*last];
+      if (last - order.begin() < k_min_points || last == order.end() || !(distance(*last) > 0)) continue;
+      double sum = 0;
+      for (auto i = order.begin(); i != last; ++i)
+        sum += weights[*i] * std::log(distance(*i) / distance(*last));
+      shape = std::max(shape, sum / mass);
+    }
+  }
+  return shape;
+}
+
 bool ImportanceResult::is_done(double share) const {
-  return converged && mean_error <= share * k_mean_tolerance &&
-         deviation_error <= share * k_deviation_tolerance;
+  return converged && is_within(share);
 }
 
 Eigen::VectorXd mean_of(const WeightedSample& sample) {

@@ -36,13 +36,26 @@ struct ImportanceResult {
   /// deviation relative to it.
   double mean_error = 0, deviation_error = 0;
   bool converged = false;  ///< both are below 0.1 and 0.05
+  static constexpr double k_mean_tolerance = 0.1, k_deviation_tolerance = 0.05;
+  /// `tail_shape_of`: of a variance that is infinite, or barely finite, the errors above say nothing.
+  double tail_shape = 0;
+  /// Walks from the outermost draws found mass that hardly any draw stands for.
+  bool mass_beyond = false;
 
   /// Errors and convergence, from the weights and `variables` (n × k), whose moments count.
   void state_errors(const Eigen::MatrixXd& variables);
   /// Rounds go on until the errors are this share of the tolerances: they are estimates themselves.
   [[nodiscard]] bool is_done(double share = k_share_of_tolerance) const;
   static constexpr double k_share_of_tolerance = 0.8;
+  [[nodiscard]] bool is_within(double share) const {
+    return mean_error <= share * k_mean_tolerance && deviation_error <= share * k_deviation_tolerance;
+  }
 };
+
+/// Shape k of the heaviest tail of the variables (n × k): beyond the last 2e-3 of the mass on either side the
+/// probability of a distance t from the mean falls as t^(−1/k), by Hill's estimate. A variance is finite for
+/// k below ½. 0 where fewer than 20 points are that far out.
+[[nodiscard]] double tail_shape_of(const Eigen::MatrixXd& variables, const Eigen::VectorXd& weights);
 
 /// The largest of all columns of `variables` (n × k). Weights: n, sum 1.
 [[nodiscard]] MomentErrors standard_errors(const Eigen::MatrixXd& variables, const Eigen::VectorXd& weights);

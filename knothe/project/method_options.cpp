@@ -91,6 +91,11 @@ void add_map_options(Section<M>& s) {
   s.add("minimiser", in(&M::update, &U::map, &Map::minimiser),
         "Minimiser of the Kullback-Leibler divergence.");
   s.add("samples", &M::samples, "Number of draws that `knothe infer` writes, at least 100.", at_least(100));
+  s.add("evaluations", &M::evaluations,
+        "Budget of `knothe infer`: calls that the model may be asked for, a gradient counting four. Every "
+        "method ends within it with its best answer; with a larger one the same command goes on. 0: 20,000, "
+        "or twice `samples` if that is more; no limit for `mcmc` and a separated model.",
+        at_least(0));
   s.add("verification_points", &M::verification_points,
         "`knothe infer`: points on which a map is verified and corrected, at least 64; each is an evaluation "
         "of the model.",

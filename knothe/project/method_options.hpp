@@ -35,6 +35,7 @@ struct MethodOptions {
   int verify_runs = 14;  ///< at most
   int samples = 10000;
   int verification_points = 1024;  ///< of `knothe infer`
+  int evaluations = 0;             ///< of `knothe infer`; 0: as there
   std::uint64_t seed = 1;
 };
 

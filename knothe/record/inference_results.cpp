@@ -163,14 +163,17 @@ Json inference_record(const InferenceResult& r, std::span<const model::Axis> axe
 
 Json comparison_record(const assimilation::Comparison& c, const std::string& first,
                        const std::string& second) {
-  return {{"comparison",
-           {{"methods", {first, second}},
-            {"mean_difference", to_json(c.mean_difference)},
-            {"std_ratio", to_json(c.std_ratio)},
-            {"quantile_difference",
-             {{"levels", numerics::k_quantile_levels}, {"values", rows_of(c.quantile_difference)}}},
-            {"log_evidence_difference", c.log_evidence_difference},
-            {"log_evidence_error", c.log_evidence_error}}}};
+  return {
+      {"comparison",
+       {{"methods", {first, second}},
+        {"mean_difference", to_json(c.mean_difference)},
+        {"std_ratio", to_json(c.std_ratio)},
+        {"quantile_difference",
+         {{"levels", numerics::k_quantile_levels}, {"values", rows_of(c.quantile_difference)}}},
+        {"log_evidence_difference", c.log_evidence_difference},
+        {"log_evidence_error", c.log_evidence_error},
+        {"agreement", c.contradict() ? "contradict" : "agree"},
+        {"limits", {{"mean", c.mean_limit}, {"std", c.std_limit}, {"log_evidence", c.log_evidence_limit}}}}}};
 }
 
 std::string samples_path(const std::string& folder) {

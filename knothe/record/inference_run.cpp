@@ -97,7 +97,8 @@ InferenceResult infer_by(const project::Project& project, Method method, project
   };
   InferenceResult result = assimilation::infer(posterior, evaluator, options);
   evaluator.progress = {};
-  result.warnings = std::move(warnings);
+  for (const std::string& warning : result.warnings) fmt::print(stderr, "knothe: warning: {}\n", warning);
+  result.warnings.insert(result.warnings.begin(), warnings.begin(), warnings.end());
   return result;
 }
 
@@ -125,7 +126,7 @@ InferenceRun run_inference(const project::Project& project, Method asked, const 
     throw;
   }
   write_inference(folder, project, setup, run.result);
-  journal.remove();
+  if (!run.result.budget_spent || !is_server) journal.remove();
   return run;
 }
 

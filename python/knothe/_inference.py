@@ -119,7 +119,7 @@ def _over_points(function: Callable[[Array], ArrayLike]) -> Callable[[Array], Ar
 def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parameters: Mapping[str, Prior] | None = None, *,
           observed: ArrayLike | None = None, std: ArrayLike | None = None, covariance: ArrayLike | None = None,
           jacobian: Callable[[Array], ArrayLike] | None = None, vectorized: bool = False, method: str | None = None,
-          tolerance: float = 1e-3, max_order: int = 8, samples: int = 10000, seed: int = 1,
+          tolerance: float = 1e-3, max_order: int = 8, samples: int = 10000, evaluations: int = 0, seed: int = 1,
           results: "str | os.PathLike[str] | None" = None,
           progress: Callable[[int, int | None], object] | None = None) -> InferenceResult:
     """Bayesian inference for any model.
@@ -147,7 +147,10 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
     tolerance, max_order : float, int
         Of maps.
     samples : int
-        Number of draws. Weighted draws stop at twice as many evaluations, or at 20,000 if that is more.
+        Number of draws.
+    evaluations : int
+        Budget: points at which `model` and, each counting once per parameter (of a density four times), `jacobian` are asked.
+        0: 20,000, or twice `samples` if that is more; no limit for ``mcmc``.
     seed : int
         Of the random numbers.
     results : path, optional
@@ -204,5 +207,5 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
     over_points = (lambda function: function) if vectorized else _over_points
     return InferenceResult(_knothe.infer_callable(
         over_points(model), None if jacobian is None else over_points(jacobian), prior_values(parameters), values, deviations,
-        matrix, method or "auto", tolerance, max_order, count_of(samples, "samples"), count_of(seed, "as seed"),
-        progress))
+        matrix, method or "auto", tolerance, max_order, count_of(samples, "samples"),
+        count_of(evaluations, "evaluations as budget"), count_of(seed, "as seed"), progress))

@@ -367,8 +367,61 @@ class Test(InferCase):
         page = (self.folder / "both.html").read_text()
         for text in ("Two methods compared", "grid minus transport", "transport: Trusted", "Marginal of a", "<svg"):
             self.assertIn(text, page)
+        self.assertIn("The two agree: means differ by at most 0.0", outcome.out)
         sentences = outcome.out.splitlines()[-2:]
         self.assertTrue(sentences[0].startswith("transport: Trusted") and sentences[1].startswith("grid: Trusted"), outcome.out)
+
+    def test_trusted_answers_that_contradict_each_other_end_with_8(self):
+        """The server's model is another one for the second run."""
+        self.serve("moving")
+        lines = self.expect(8, "infer", self.project_name, "--json", "--compare", "transport,grid").lines()
+        self.assertEqual([line["trusted"] for line in lines[:2]], [True, True])
+        self.assertEqual(lines[2]["comparison"]["agreement"], "contradict")
+        outcome = self.expect(8, "infer", self.project_name, "--compare", "smc,grid")
+        self.assertIn("The two contradict each other, so that one of them is wrong: means differ by at most", outcome.out)
+
+    def answer_of_one(self, model, *arguments, status=0, parameters="a"):
+        self.serve(model)
+        self.use_density()
+        self.set_priors(*(f'{name} = {{ prior = "normal", mean = 0.0, std = 2.0 }}' for name in parameters))
+        line = self.infer(*arguments, status=status)
+        calls = self.server_calls()
+        self.assertLessEqual(sum(calls.get(route, 0) for route in ("/Evaluate", "/Gradient")), 20000)
+        return line, [math.sqrt(line["covariance"][k][k]) for k in range(len(parameters))]
+
+    def test_a_density_with_a_kink(self):
+        line, std = self.answer_of_one("laplace", "--method", "auto")
+        self.assertAlmostEqual(line["mean"][0], 1.7, delta=0.1)
+        self.assertAlmostEqual(std[0], math.sqrt(2), delta=0.05 * math.sqrt(2))
+        self.assertAlmostEqual(line["maximum_a_posteriori"][0], 1.7, delta=1e-3)
+
+    def test_a_density_that_ends_at_its_mode(self):
+        line, std = self.answer_of_one("halfnormal", "--method", "auto")
+        self.assertAlmostEqual(line["mean"][0], 0.7979, delta=0.06)
+        self.assertAlmostEqual(std[0], 0.6028, delta=0.03)
+        self.assertAlmostEqual(line["log_evidence"], math.log(math.sqrt(math.pi / 2)), delta=0.05)
+
+    def test_a_flat_density_by_a_map_is_answered_within_the_budget(self):
+        line, std = self.answer_of_one("disc", "--method", "transport", status=(0, 6), parameters="ab")
+        for s in std:
+            self.assertAlmostEqual(s, 0.5, delta=0.1)
+
+    def test_a_map_of_a_heavy_tail_is_not_trusted(self):
+        line, _ = self.answer_of_one("cauchy", "--method", "transport", status=6)
+        self.assertTrue(line["verdict"].startswith("Not trusted: "), line["verdict"])
+
+    def test_the_budget_is_kept_and_goes_on(self):
+        self.serve("banana")
+        self.edit("[method]", "[method]\nevaluations = 3000")
+        line = self.infer("--method", "smc", status=6)
+        self.assertIn("The budget of 3000 calls is spent: evaluations = 6000 goes on from here.", line["verdict"])
+        made = self.server_calls()["/Evaluate"]
+        self.assertLessEqual(made, 3000)
+        self.edit("evaluations = 3000", "evaluations = 20000")
+        line = self.infer("--method", "smc")
+        self.assertTrue(line["trusted"], line["verdict"])
+        self.assertLess(line["model_evaluations"], self.server_calls()["/Evaluate"])  # the first run's are reused
+        self.assertLess(self.server_calls()["/Evaluate"], 20000)
 
     def test_comparison_as_json(self):
         self.serve("linear")

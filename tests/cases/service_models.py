@@ -110,8 +110,13 @@ class Test(ServiceCase):
         self.check_derivatives(service, p)
         for body, kind in (({"name": "nothing"}, "ModelNotFound"), ({"name": "forward", "input": [[1]]}, "InvalidInput"),
                            ({"name": "forward", "input": [[1, 9]]}, "InvalidInput"), ({"name": "forward", "input": [p], "config": {"step": 99}}, "InvalidInput"),
+                           ({"name": "forward", "input": [p], "config": {"stepp": 3}}, "InvalidInput"),
                            ({"name": "forward"}, "InvalidInput"), ("nonsense", "InvalidInput")):
             self.expect_error(service.post("/Evaluate", body), 400, kind)
+        for path in ("/Evaluate", "/OutputSizes", "/InputSizes", "/ModelInfo"):
+            status, body = service.post(path, {"name": "forward", "input": [p], "config": {"stepp": 3}})
+            self.assertEqual((status, body["error"]["message"]),
+                             (400, 'config: "stepp" is not a key of it (did you mean "step"?); it has "site" and "step"'))
         self.expect_error(service.post("/Gradient", {"name": "predict", "input": [p], "outWrt": 0, "inWrt": 0, "sens": [1, 1]}), 400, "UnsupportedFeature")
         self.assertEqual(service.post("/Evaluate", {"name": "posterior", "input": [[9, 9]]})[1], {"output": [[-1.7976931348623157e308]]})
 

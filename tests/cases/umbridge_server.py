@@ -49,6 +49,15 @@ class Linear(Model):
         return [[[0.0] * len(p) for _ in p] for _ in self.matrix]
 
 
+class Moving(Linear):
+    """Other values for every client that asks what the model can do: two runs see two models."""
+
+    runs = 0
+
+    def value(self, p, config):
+        return [y + 2.0 * self.runs for y in super().value(p, config)]
+
+
 class Linear3(Linear):
     """Three parameters in two input vectors, outputs in two vectors."""
 
@@ -120,6 +129,33 @@ class Exponential(Model):
         return [2 * math.log(p[0]) - 2 * p[0] + math.log(p[1]) + 2 * math.log(1 - p[1])]
 
 
+class Laplace(Model):
+    """-|a - 1.7|."""
+
+    name = "posterior"
+    inputs, outputs = [1], [1]
+
+    def value(self, p, config):
+        return [-abs(p[0] - 1.7)]
+
+
+class HalfNormal(Laplace):
+    def value(self, p, config):
+        return [-0.5 * p[0] ** 2 if p[0] >= 0 else -1e308]
+
+
+class Cauchy(Laplace):
+    def value(self, p, config):
+        return [-math.log(math.pi * (1 + p[0] ** 2))]
+
+
+class Disc(Laplace):
+    inputs = [2]
+
+    def value(self, p, config):
+        return [0.0 if p[0] ** 2 + p[1] ** 2 < 1 else -1e308]
+
+
 class Improper(Density):
     """Log-densities of no finite integral: flat along y; rising along x; tails of 1/r in two dimensions; growing like a square."""
 
@@ -187,7 +223,7 @@ class WrongSlope(Banana):
         return [[1.0, 0.0], [2 * p[0], 1.0]]
 
 
-MODELS = {cls.__name__.lower(): cls for cls in (Linear, Linear3, Banana, Identity, TwoModes, Density, Exponential, Improper, EightSchools, Growth, Growth3, Growth1, WrongSlope)}
+MODELS = {cls.__name__.lower(): cls for cls in (Linear, Linear3, Moving, Laplace, HalfNormal, Cauchy, Disc, Banana, Identity, TwoModes, Density, Exponential, Improper, EightSchools, Growth, Growth3, Growth1, WrongSlope)}
 DERIVATIVES = {"gradient": ["Gradient"], "jacobian": ["ApplyJacobian"], "hessian": ["Gradient", "ApplyJacobian", "ApplyHessian"]}
 
 
@@ -231,6 +267,7 @@ class Handler(http.server.BaseHTTPRequestHandler):
         if request.get("name") != model.name:
             return self.fail("ModelNotFound", f"Model {request.get('name')} not found!", 400)
         if self.path == "/ModelInfo":
+            model.runs = getattr(model, "runs", 0) + 1
             return self.answer({"support": model.support})
         if self.path == "/InputSizes":
             return self.answer({"inputSizes": model.inputs})

@@ -11,6 +11,14 @@ struct Comparison {
   Eigen::MatrixXd quantile_difference;  ///< d × levels, in the same units
   double log_evidence_difference = 0;
   double log_evidence_error = 0;  ///< standard error of that difference
+  /// What both together state as their error: of a mean in standard deviations, of a ratio of standard
+  /// deviations, of the log-evidence (four standard errors).
+  double mean_limit = 0, std_limit = 0, log_evidence_limit = 0;
+
+  /// Whether any of these is exceeded: then one of the two is wrong, trusted or not.
+  [[nodiscard]] bool contradict() const;
+  /// "The two agree: …" or "The two contradict each other: …", with the figures.
+  [[nodiscard]] std::string in_words() const;
 };
 
 /// Errors: UsageError for results of different dimensions.

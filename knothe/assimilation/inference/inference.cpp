@@ -16,6 +16,7 @@
 #include "knothe/numerics/statistics/chi_squared.hpp"
 #include "knothe/numerics/statistics/distinct_draws.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
+#include "knothe/posterior/draws/outward_walks.hpp"
 #include "knothe/posterior/solve.hpp"
 
 namespace knothe::assimilation {
@@ -47,21 +48,80 @@ posterior::ToParameters in_parameters(const PosteriorDensity& posterior) {
   return [&](const Eigen::MatrixXd& z) { return posterior.parameters(z); };
 }
 
+/// As long as one lives, `spent` must not come above this.
+class Limit {
+ public:
+  Limit(ModelEvaluator& evaluator, std::int64_t budget) : evaluator_(evaluator), before_(evaluator.budget()) {
+    evaluator_.set_budget(std::min(before_, budget));
+  }
+  ~Limit() { evaluator_.set_budget(before_); }
+  Limit(const Limit&) = delete;
+  Limit& operator=(const Limit&) = delete;
+
+ private:
+  ModelEvaluator& evaluator_;
+  std::int64_t before_;
+};
+
+std::int64_t budget_of(const InferenceOptions& options, const InferenceResult& r,
+                       const ModelEvaluator& evaluator) {
+  constexpr std::int64_t k_default = 20000;
+  if (options.evaluations > 0) return options.evaluations;
+  if (r.method == Method::markov_chain || evaluator.model().is_cheap()) return ModelEvaluator::k_no_budget;
+  return std::max<std::int64_t>(k_default, 2 * options.samples);
+}
+
+/// A map says nothing of what its points never reach: tails heavier than its own, the end of a funnel.
+void look_beyond(PosteriorDensity& posterior, const posterior::MapResult& map, std::uint64_t seed,
+                 posterior::ImportanceCorrection& correction) {
+  if (!correction.trust.trusted) return;
+  posterior::CheckedDensity target(posterior);
+  const posterior::CheckedDensity::Leniency lenient(target);
+  const Eigen::MatrixXd variables = posterior.parameters(correction.points);
+  const double log_n = std::log(correction.weights.size());
+  const posterior::MassBeyond beyond = posterior::walk_outwards(
+      target,
+      {correction.points, variables, correction.weights,
+       [&](const Eigen::MatrixXd& z, const Eigen::VectorXd& log_density) -> Eigen::VectorXd {
+         return (log_density - map.log_density(z)).array() - (correction.log_evidence + log_n);
+       },
+       in_parameters(posterior)},
+      {.seed = seed});
+  correction.trust.trusted = !beyond.found();
+  if (beyond.found())
+    correction.trust.reason =
+        "walks from the outermost points find mass that hardly any point of the map stands for";
+}
+
+void solve_by_map(PosteriorDensity& posterior, ModelEvaluator& evaluator,
+                  const posterior::MapSolverOptions& map_options, MapDetails& details,
+                  posterior::ImportanceCorrection& correction, InferenceResult& r) {
+  posterior::MapSolver solver(map_options);
+  {
+    const Phase phase("mode search and map", evaluator, r);
+    details.map = solver.solve(posterior);
+  }
+  const Phase phase("importance correction", evaluator, r);
+  correction = solver.correct(posterior, details.map);
+  look_beyond(posterior, details.map, map_options.seed, correction);
+}
+
 void by_transport(PosteriorDensity& posterior, ModelEvaluator& evaluator, const InferenceOptions& options,
                   InferenceResult& r) {
   // z is standardised by the priors: that is where other modes can be.
   posterior::MapSolverOptions map_options = options.map;
   if (!(map_options.tempering_spread > 0)) map_options.tempering_spread = 3;
-  posterior::MapSolver solver(map_options);
   MapDetails details;
   posterior::ImportanceCorrection correction;
-  {
-    const Phase phase("mode search and map", evaluator, r);
-    details.map = solver.solve(posterior);
-  }
-  {
-    const Phase phase("importance correction", evaluator, r);
-    correction = solver.correct(posterior, details.map);
+  try {
+    solve_by_map(posterior, evaluator, map_options, details, correction, r);
+  } catch (const BudgetSpent&) {
+    // The calls made are known: the same way again, less far, asks for few more.
+    map_options.search_modes = std::min(map_options.search_modes, posterior::ModeSearchLevel::multi_start);
+    map_options.fallback = map_options.long_first_variable = false;
+    map_options.max_points = 4 * map_options.verification_points;
+    solve_by_map(posterior, evaluator, map_options, details, correction, r);
+    r.budget_spent = true;
   }
   posterior::set_from_map(details.map, correction, in_parameters(posterior), r);
   r.verdict = verdict(details.map, correction, posterior.transform());
@@ -79,12 +139,18 @@ void by_grid(PosteriorDensity& posterior, ModelEvaluator& evaluator, InferenceRe
   const Phase phase("grid", evaluator, r);
   // A model may take seconds a point: 150,000 nodes are all that it is asked for.
   static constexpr Eigen::Index k_nodes[] = {257, 65, 25, 0};  // more dimensions are refused
-  r.verdict = in_words(
-      posterior::solve_by_grid(posterior, in_parameters(posterior),
-                               {.axes = posterior::QuadratureOptions::Axes::modes,
-                                .coarse_nodes = k_nodes[std::min<Eigen::Index>(posterior.dimension() - 1, 3)],
-                                .max_nodes = 150'000},
-                               r));
+  static constexpr Eigen::Index k_max_nodes = 150'000;
+  const Eigen::Index d = posterior.dimension(), nodes = k_nodes[std::min<Eigen::Index>(d - 1, 3)];
+  const std::int64_t left = evaluator.budget() - evaluator.spent();
+  const Eigen::Index affordable = std::floor(std::pow(0.5 * left, 1.0 / d));
+  const posterior::Trust trust = posterior::solve_by_grid(
+      posterior, in_parameters(posterior),
+      {.axes = posterior::QuadratureOptions::Axes::modes,
+       .coarse_nodes = std::min(nodes, std::max<Eigen::Index>(9, affordable - (affordable + 1) % 2)),
+       .max_nodes = std::min<std::int64_t>(k_max_nodes, left)},
+      r);
+  r.budget_spent = !trust.trusted && left < k_max_nodes;
+  r.verdict = in_words(trust);
 }
 
 /// Skewness and kurtosis with the map as a control variate: E_π f = E_ρ f∘T + Σ (w_i − 1/n) f(T(x_i)). The
@@ -106,24 +172,18 @@ void sharpen_higher_moments(const PosteriorDensity& posterior, const InferenceOp
     double m[5];  // moments about the mean of the weights, made central below
     for (int power = 1; power <= 4; ++power) m[power] = x.pow(power).mean() + (change * y.pow(power)).sum();
     const double variance = m[2] - m[1] * m[1];
-    if (!(variance > 0.5)) continue;
     const double third = m[3] - 3 * m[1] * m[2] + 2 * m[1] * m[1] * m[1];
     const double fourth = m[4] - 4 * m[1] * m[3] + 6 * m[1] * m[1] * m[2] - 3 * m[1] * m[1] * m[1] * m[1];
+    if (!(variance > 0.5) || !std::isfinite(variance + third + fourth)) continue;
     r.skewness[k] = third / std::pow(variance, 1.5);
     r.kurtosis[k] = fourth / (variance * variance);
   }
 }
 
-/// From the best point, in p: where the maximum is at an end of a prior's support, z knows no such place.
-Eigen::VectorXd most_probable(PosteriorDensity& posterior, const ModelEvaluator& evaluator,
-                              const InferenceResult& r) {
+/// The best of all points.
+Eigen::VectorXd best_point(PosteriorDensity& posterior, const InferenceResult& r) {
+  if (!r.map.empty()) return posterior.parameters(r.map[0].map.mode.transpose()).row(0).transpose();
   Eigen::Index best = 0;
-  if (!r.map.empty()) {
-    const Eigen::MatrixXd start = posterior.parameters(r.map[0].map.mode.transpose());
-    return maximum_a_posteriori(
-        [&](const auto& p, int derivatives, auto& out) { posterior.log_likelihood(p, derivatives, out); },
-        posterior.transform(), start.row(0).transpose(), evaluator.has_hessian() ? 1e-12 : 1e-7);
-  }
   posterior::LogDensityBatch batch;
   posterior.log_likelihood(r.points, 0, batch);
   for (Eigen::Index i = 0; i < r.points.rows(); ++i) {
@@ -131,9 +191,37 @@ Eigen::VectorXd most_probable(PosteriorDensity& posterior, const ModelEvaluator&
       batch.value[i] += posterior.transform().prior(k).log_density(r.points(i, k));
     if (batch.value[i] > batch.value[best]) best = i;
   }
+  return r.points.row(best).transpose();
+}
+
+/// From the best point, in p: where the maximum is at an end of a prior's support, z knows no such place.
+Eigen::VectorXd most_probable(PosteriorDensity& posterior, const ModelEvaluator& evaluator,
+                              const Eigen::VectorXd& start) {
   return maximum_a_posteriori(
       [&](const auto& p, int derivatives, auto& out) { posterior.log_likelihood(p, derivatives, out); },
-      posterior.transform(), r.points.row(best).transpose(), evaluator.has_hessian() ? 1e-12 : 1e-7);
+      posterior.transform(), start, evaluator.has_hessian() ? 1e-12 : 1e-7);
+}
+
+/// An extra that fails is left out: the answer stays.
+template <class Function>
+void try_extra(const char* what, InferenceResult& r, const Function& function) {
+  try {
+    function();
+  } catch (const Interrupted&) {
+    throw;
+  } catch (const BudgetSpent&) {
+    r.warnings.push_back(fmt::format("{} ended with the budget", what));
+  } catch (const Error& error) {
+    r.warnings.push_back(fmt::format("{} failed: {}", what, error.what()));
+  }
+}
+
+void add_higher_moments(const PosteriorDensity& posterior, const InferenceOptions& options,
+                        InferenceResult& r) {
+  const numerics::Moments moments = numerics::moments_of(r.points, r.weights);
+  r.skewness = moments.skewness;
+  r.kurtosis = moments.kurtosis;
+  if (!r.map.empty()) sharpen_higher_moments(posterior, options, r);
 }
 
 /// Whether the observations fit at all, and whether the posterior is pressed against an end of a prior.
@@ -198,41 +286,85 @@ double InferenceResult::seconds() const {
   return sum;
 }
 
-InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
-                      const InferenceOptions& options) {
-  InferenceResult r;
-  r.method = one_shot(options.method, posterior.dimension(), evaluator.model().is_cheap());
-  if (posterior.is_density()) require_finite_integral(posterior, options.names);
+namespace {
+
+void solve(PosteriorDensity& posterior, ModelEvaluator& evaluator, const InferenceOptions& options,
+           InferenceResult& r) {
   switch (r.method) {
-    case posterior::Method::transport:
-      by_transport(posterior, evaluator, options, r);
-      break;
-    case posterior::Method::grid:
-      by_grid(posterior, evaluator, r);
-      break;
-    case posterior::Method::markov_chain: {
+    case Method::transport:
+      return by_transport(posterior, evaluator, options, r);
+    case Method::grid:
+      return by_grid(posterior, evaluator, r);
+    case Method::markov_chain: {
       const Phase phase("Markov chains", evaluator, r);
-      by_markov_chains(posterior, options, r);
-      break;
+      return by_markov_chains(posterior, evaluator, options, r);
     }
-    case posterior::Method::sequential_monte_carlo: {
+    case Method::sequential_monte_carlo: {
       const Phase phase("weighted draws", evaluator, r);
-      by_weighted_draws(posterior, evaluator.model(), options, r);
-      break;
+      return by_weighted_draws(posterior, evaluator, options, r);
     }
     default:
       throw UsageError(
           fmt::format("\"{}\" needs sequential data: use `knothe assimilate`", to_text(r.method)));
   }
-  const numerics::Moments moments = numerics::moments_of(r.points, r.weights);
-  r.skewness = moments.skewness;
-  r.kurtosis = moments.kurtosis;
-  if (!r.map.empty()) sharpen_higher_moments(posterior, options, r);
+}
+
+/// By weighted draws where the method asked for comes to nothing.
+void solve_somehow(PosteriorDensity& posterior, ModelEvaluator& evaluator, const InferenceOptions& options,
+                   InferenceResult& r) {
+  const Method asked = r.method;
+  if (asked == Method::sequential_monte_carlo) return solve(posterior, evaluator, options, r);
+  try {
+    // What is left is for the draws, should there be no answer.
+    constexpr double k_share = 0.8;
+    const Limit limit(evaluator, std::llround(k_share * evaluator.budget()));
+    return solve(posterior, evaluator, options, r);
+  } catch (const NumericalError& error) {
+    InferenceResult by_draws;
+    by_draws.phases = std::move(r.phases);
+    r = std::move(by_draws);
+    r.method = Method::sequential_monte_carlo;
+    InferenceOptions others = options;  // draws of their own, should `smc` be what this is compared with
+    ++others.seed;
+    solve(posterior, evaluator, others, r);
+    const std::string why = fmt::format("method {} gave no answer ({}), and weighted draws were made",
+                                        to_text(asked), error.what());
+    r.remark = r.remark.empty() ? why : why + "; " + r.remark;
+    r.verdict += fmt::format(" Beforehand {}.", why);
+  }
+}
+
+/// A look at a quarter of the budget at most: where that does not tell, the draws will.
+void check_integral(PosteriorDensity& posterior, ModelEvaluator& evaluator, const InferenceOptions& options) {
+  const Limit limit(evaluator, evaluator.spent() + (evaluator.budget() - evaluator.spent()) / 4);
+  try {
+    require_finite_integral(posterior, options.names);
+  } catch (const BudgetSpent&) {
+  }
+}
+
+}  // namespace
+
+InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
+                      const InferenceOptions& options) {
+  InferenceResult r;
+  r.method = one_shot(options.method, posterior.dimension(), evaluator.model().is_cheap());
+  const Limit limit(evaluator, budget_of(options, r, evaluator));
+  if (posterior.is_density()) check_integral(posterior, evaluator, options);
+  solve_somehow(posterior, evaluator, options, r);
+  add_higher_moments(posterior, options, r);
   {
     const Phase phase("most probable point", evaluator, r);
-    r.maximum_a_posteriori = most_probable(posterior, evaluator, r);
+    try_extra("the search for the most probable point", r, [&] {
+      r.maximum_a_posteriori = best_point(posterior, r);
+      r.maximum_a_posteriori = most_probable(posterior, evaluator, r.maximum_a_posteriori);
+    });
+    if (r.maximum_a_posteriori.size() == 0) r.maximum_a_posteriori = r.mean;
   }
-  examine_answer(posterior, options.names, r);
+  try_extra("the look at the fit", r, [&] { examine_answer(posterior, options.names, r); });
+  if (r.budget_spent)
+    r.verdict += fmt::format(" The budget of {} calls is spent: evaluations = {} goes on from here.",
+                             evaluator.budget(), 2 * evaluator.budget());
   if (r.draws.size() == 0) {
     const Phase phase("draws", evaluator, r);
     r.draws = draws_of(r, posterior.transform(), options.samples);

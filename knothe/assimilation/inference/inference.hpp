@@ -41,8 +41,10 @@ constexpr int useful_derivatives(posterior::Method method, bool model_has_gradie
 struct InferenceOptions {
   posterior::Method method = posterior::Method::automatic;
   posterior::MapSolverOptions map;  ///< tolerance, orders, seed, verification points
-  Eigen::Index samples =
-      10000;  ///< draws left in the result; kept draws of chains; half the evaluations of smc
+  Eigen::Index samples = 10000;     ///< draws left in the result; kept draws of chains
+  /// Calls that the model may be asked for, as `ModelEvaluator::spent` counts them. 0: 20,000, or twice
+  /// `samples` if that is more; none for `mcmc`, and for a model that costs nothing.
+  std::int64_t evaluations = 0;
   std::uint64_t seed = 1;
   std::vector<std::string> names;  ///< of the parameters, for messages
   /// Called with the share of the work done where a method knows it (mcmc, smc); false interrupts.
@@ -72,6 +74,10 @@ struct InferenceResult : posterior::Posterior {
   Eigen::Index distinct_draws = 0;  ///< fewer than draws only for mcmc, whose chains stay where they are
   int chains = 1;
 
+  /// Stated, of all parameters: of a mean in standard deviations, of a standard deviation as a share; where a
+  /// method states none, what trusted ones are allowed.
+  double mean_error = 0.1, deviation_error = 0.05;
+  bool budget_spent = false;          ///< `evaluations` ended it: with more it would have gone on
   std::vector<std::string> warnings;  ///< sentences: what was wrong with the model and how it was got round
   /// Trusted or not, and why; then any doubt about the result itself.
   std::string verdict;
@@ -92,8 +98,11 @@ struct InferenceResult : posterior::Posterior {
   [[nodiscard]] double seconds() const;
 };
 
-/// Errors: those of the model (DataError), of the target (NumericalError: nothing but zeros found, or a
-/// density without a finite integral), of the options (UsageError: more than three parameters for a grid).
+/// Within the budget. Where it ends a method, or this fails (a map that does not come to an end), weighted
+/// draws answer with what is left, and the verdict says so. An extra that fails (most probable point, higher
+/// moments) is left out with a warning. Errors: those of the model (DataError), of the target
+/// (NumericalError: nothing but zeros found, or a density without a finite integral), of the options
+/// (UsageError: more than three parameters for a grid).
 [[nodiscard]] InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
                                     const InferenceOptions& options);
 

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 #include <mutex>
+#include <utility>
 
 #include "knothe/base/error.hpp"
 
@@ -34,6 +35,9 @@ bool needs_sensitivity(CallKind kind) {
 }
 
 }  // namespace
+
+BudgetSpent::BudgetSpent(std::int64_t budget)
+    : NumericalError(fmt::format("the budget of {} calls of the model is spent", budget)) {}
 
 ModelEvaluator::ModelEvaluator(model::ForwardModel& model, std::vector<posterior::Prior> priors, double step)
     : model_(&model), priors_(std::move(priors)), step_(step) {
@@ -75,10 +79,26 @@ bool ModelEvaluator::fits(const ModelCall& call) const {
          call.answer.size() == answer_size(call.kind) && call.answer.allFinite();
 }
 
+/// Of one point, as the models count it.
+std::int64_t ModelEvaluator::cost_of(CallKind kind) const {
+  const std::int64_t costs[] = {1, k_gradient_cost, model_->dimension(), model_->dimension()};
+  return costs[static_cast<int>(kind)];
+}
+
+std::int64_t ModelEvaluator::spent() const {
+  const model::ModelCalls& calls = model_->calls();
+  return earlier_ + calls.evaluations + k_gradient_cost * calls.gradients + calls.jacobians + calls.hessians;
+}
+
 void ModelEvaluator::remember(const ModelCall& call) {
+  keep(call, true);
+}
+
+void ModelEvaluator::keep(const ModelCall& call, bool of_earlier_run) {
   assert(fits(call));
   if (stored_ + call.answer.size() > k_max_stored) return;
-  if (known_.emplace(key_of(call.kind, call.point, call.sensitivity), call.answer).second)
+  if (known_.emplace(key_of(call.kind, call.point, call.sensitivity), Known{call.answer, of_earlier_run})
+          .second)
     stored_ += call.answer.size();
 }
 
@@ -122,13 +142,16 @@ void ModelEvaluator::ask(CallKind kind, const Eigen::Ref<const Eigen::MatrixXd>&
   for (Eigen::Index i = 0; i < n; ++i) {
     const std::string key = key_of(kind, points.col(i), sensitivities.col(i));
     if (const auto it = known_.find(key); it != known_.end()) {
-      answers.col(i) = it->second;
+      answers.col(i) = it->second.answer;
+      if (std::exchange(it->second.of_earlier_run, false)) earlier_ += cost_of(kind);
     } else if (const auto [twin, is_new] = first.try_emplace(key, i); is_new) {
       missing.push_back(i);
     } else {
       twins.emplace_back(i, twin->second);
     }
   }
+  if (!missing.empty() && std::ssize(missing) > (budget_ - spent()) / cost_of(kind))
+    throw BudgetSpent(budget_);
   if (!missing.empty()) {
     const Eigen::MatrixXd wanted = points(Eigen::all, missing),
                           sensitive = sensitivities(Eigen::all, missing);
@@ -136,7 +159,7 @@ void ModelEvaluator::ask(CallKind kind, const Eigen::Ref<const Eigen::MatrixXd>&
     call(kind, wanted, sensitive, found);
     answers(Eigen::all, missing) = found;
     for (Eigen::Index i = 0; i < found.cols(); ++i)
-      remember({kind, wanted.col(i), sensitive.col(i), found.col(i)});
+      keep({kind, wanted.col(i), sensitive.col(i), found.col(i)}, false);
   }
   for (const auto& [twin, original] : twins) answers.col(twin) = answers.col(original);
 }

@@ -1,11 +1,14 @@
 #pragma once
 /// @file A model called with care: nothing is computed twice, what is missing is differenced, what comes back
 /// is checked.
+#include <cstdint>
 #include <functional>
+#include <limits>
 #include <string>
 #include <unordered_map>
 #include <vector>
 
+#include "knothe/base/error.hpp"
 #include "knothe/model/forward/forward_model.hpp"
 #include "knothe/posterior/prior/prior.hpp"
 
@@ -26,6 +29,12 @@ struct OwnDerivatives {
   bool gradient = true, jacobian = true, hessian = true;
 };
 
+/// The calls that a model may be asked for are made.
+class BudgetSpent : public NumericalError {
+ public:
+  explicit BudgetSpent(std::int64_t budget);
+};
+
 /// Evaluations of a forward model at points of the priors' support. Points are d × n, one column each, as in
 /// ForwardModel.
 class ModelEvaluator {
@@ -41,6 +50,15 @@ class ModelEvaluator {
   [[nodiscard]] bool has_gradient() const { return own_.gradient && model_->has_gradient(); }
   [[nodiscard]] bool has_jacobian() const { return own_.jacobian && model_->has_jacobian(); }
   [[nodiscard]] bool has_hessian() const { return own_.hessian && model_->has_hessian(); }
+
+  /// An evaluation and a product with a Jacobian or Hessian count 1, a gradient `k_gradient_cost`. Calls that an earlier run made
+  /// count when they are asked for, so that a run that goes on does what it would have done at once.
+  static constexpr std::int64_t k_gradient_cost = 4;
+  [[nodiscard]] std::int64_t spent() const;
+  /// From here on no call is made that would bring `spent` above this; BudgetSpent is thrown in its place.
+  void set_budget(std::int64_t budget) { budget_ = budget; }
+  [[nodiscard]] std::int64_t budget() const { return budget_; }
+  static constexpr std::int64_t k_no_budget = std::numeric_limits<std::int64_t>::max();
 
   /// A call made earlier, by another run: it will not be made again. Its sizes must fit.
   void remember(const ModelCall& call);
@@ -77,6 +95,8 @@ class ModelEvaluator {
   void hessian_of_values(const Eigen::MatrixXd& centres, const Eigen::MatrixXd& steps,
                          const Eigen::MatrixXd& up, const Eigen::MatrixXd& down, Eigen::MatrixXd& hessians);
   [[nodiscard]] Eigen::Index answer_size(CallKind kind) const;
+  [[nodiscard]] std::int64_t cost_of(CallKind kind) const;
+  void keep(const ModelCall& call, bool of_earlier_run);
   /// Column by column: what is known, and for the rest what the model answers.
   void ask(CallKind kind, const Eigen::Ref<const Eigen::MatrixXd>& points,
            const Eigen::Ref<const Eigen::MatrixXd>& sensitivities, Eigen::MatrixXd& answers);
@@ -88,8 +108,13 @@ class ModelEvaluator {
   double step_;
   OwnDerivatives own_;
   double seconds_ = 0;
-  std::unordered_map<std::string, Eigen::VectorXd> known_;  ///< kind, point, sensitivity, byte by byte
-  std::size_t stored_ = 0;                                  ///< doubles in it
+  std::int64_t budget_ = k_no_budget, earlier_ = 0;  ///< earlier_: cost of calls of an earlier run
+  struct Known {
+    Eigen::VectorXd answer;
+    bool of_earlier_run = false;  ///< and not asked for yet
+  };
+  std::unordered_map<std::string, Known> known_;  ///< kind, point, sensitivity, byte by byte
+  std::size_t stored_ = 0;                        ///< doubles in it
 };
 
 }  // namespace knothe::assimilation

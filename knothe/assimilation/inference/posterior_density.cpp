@@ -18,6 +18,22 @@ constexpr double k_zero_density = -1e300;  ///< log-densities below are −∞ (
 /// Points whose Jacobians are held at once.
 constexpr Eigen::Index k_chunk = 256;
 
+std::vector<Eigen::Index> finite_rows(const Eigen::Ref<const Eigen::MatrixXd>& points) {
+  std::vector<Eigen::Index> rows;
+  for (Eigen::Index i = 0; i < points.rows(); ++i)
+    if (points.row(i).allFinite()) rows.push_back(i);
+  return rows;
+}
+
+/// `part`, of some rows, in the middle of points without density.
+void scatter(const posterior::LogDensityBatch& part, const std::vector<Eigen::Index>& rows, int derivatives,
+             posterior::LogDensityBatch& out) {
+  out.value.setConstant(-std::numeric_limits<double>::infinity());
+  out.value(rows) = part.value;
+  if (derivatives >= 1) out.gradient.setZero(), out.gradient(rows, Eigen::all) = part.gradient;
+  if (derivatives >= 2) out.hessian.setZero(), out.hessian(rows, Eigen::all) = part.hessian;
+}
+
 }  // namespace
 
 PosteriorDensity::PosteriorDensity(ModelEvaluator& evaluator, std::vector<posterior::Prior> priors,
@@ -124,6 +140,12 @@ void PosteriorDensity::log_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& p
                                       posterior::LogDensityBatch& out) {
   const Eigen::Index n = p.rows(), d = p.cols();
   out.resize(n, d, derivatives);
+  if (!p.allFinite()) {
+    const std::vector<Eigen::Index> rows = finite_rows(p);
+    posterior::LogDensityBatch part;
+    log_likelihood(p(rows, Eigen::all), derivatives, part);
+    return scatter(part, rows, derivatives, out);
+  }
   for (Eigen::Index begin = 0; begin < n; begin += k_chunk) {
     points_ = p.middleRows(begin, std::min(k_chunk, n - begin)).transpose();
     model_part(derivatives, begin, out);
@@ -163,6 +185,13 @@ void PosteriorDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int 
   const Eigen::Index n = z.rows(), d = z.cols();
   p_.resize(n, d), first_.resize(n, d), second_.resize(n, d);
   transform_.evaluate(z, derivatives, p_, first_, second_);
+  if (!p_.allFinite()) {
+    const std::vector<Eigen::Index> rows = finite_rows(p_);
+    posterior::LogDensityBatch part;
+    part.resize(std::ssize(rows), d, derivatives);
+    evaluate(z(rows, Eigen::all), derivatives, part);
+    return scatter(part, rows, derivatives, out);
+  }
   for (Eigen::Index begin = 0; begin < n; begin += k_chunk) {
     points_ = p_.middleRows(begin, std::min(k_chunk, n - begin)).transpose();
     model_part(derivatives, begin, out);

@@ -33,6 +33,7 @@ class PosteriorDensity final : public posterior::LogDensity {
 
   [[nodiscard]] Eigen::Index dimension() const override { return transform_.dimension(); }
   [[nodiscard]] int available_derivatives() const override { return highest_derivative_; }
+  /// The model is never asked at a point that is not finite: the density is zero there.
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
                 posterior::LogDensityBatch& out) override;
 

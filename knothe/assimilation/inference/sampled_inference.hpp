@@ -4,10 +4,13 @@
 
 namespace knothe::assimilation {
 
+// Within the budget of `evaluator`, of whose calls all count.
+
 /// Fills what adaptive_metropolis gives, and the evidence by bridge sampling.
-void by_markov_chains(PosteriorDensity& posterior, const InferenceOptions& options, InferenceResult& r);
-/// Fills what recycled_importance gives. All calls of `model` count.
-void by_weighted_draws(PosteriorDensity& posterior, const model::ForwardModel& model,
+void by_markov_chains(PosteriorDensity& posterior, const ModelEvaluator& evaluator,
+                      const InferenceOptions& options, InferenceResult& r);
+/// Fills what recycled_importance gives.
+void by_weighted_draws(PosteriorDensity& posterior, const ModelEvaluator& evaluator,
                        const InferenceOptions& options, InferenceResult& r);
 
 }  // namespace knothe::assimilation

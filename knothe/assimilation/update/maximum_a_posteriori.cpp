@@ -10,6 +10,7 @@ namespace {
 
 constexpr int k_max_iterations = 60;
 constexpr double k_border = 1e-6;  ///< of the prior's width: so near a bound is at it
+constexpr double k_longest = 10;   ///< step, in widths of the widest prior
 
 /// −log π(p | data) up to its constant, with derivatives.
 class NegativeLogPosterior {
@@ -47,13 +48,16 @@ class NegativeLogPosterior {
 };
 
 /// −|H|⁻¹ g on the free variables, zero on the others; eigenvalues made positive, so that it always descends.
-Eigen::VectorXd newton_direction(const NegativeLogPosterior& f, const std::vector<Eigen::Index>& free) {
+/// Nowhere is the step longer than `longest`: beside a kink, and in an exponential, there is no curvature.
+Eigen::VectorXd newton_direction(const NegativeLogPosterior& f, const std::vector<Eigen::Index>& free,
+                                 double longest) {
   Eigen::VectorXd direction = Eigen::VectorXd::Zero(f.gradient.size());
   if (free.empty()) return direction;
   const numerics::SymmetricEigen eigen(f.hessian(free, free));
-  const double floor = 1e-12 * std::max(eigen.eigenvalues().cwiseAbs().maxCoeff(), 1e-300);
-  const Eigen::VectorXd curvature = eigen.eigenvalues().cwiseAbs().cwiseMax(floor);
   const Eigen::VectorXd in_basis = eigen.eigenvectors().transpose() * Eigen::VectorXd(f.gradient(free));
+  const double floor = std::max(1e-12 * eigen.eigenvalues().cwiseAbs().maxCoeff(), 1e-290);
+  const Eigen::VectorXd curvature =
+      eigen.eigenvalues().cwiseAbs().cwiseMax(floor).cwiseMax(in_basis.cwiseAbs() / longest);
   direction(free) = -(eigen.eigenvectors() * in_basis.cwiseQuotient(curvature));
   return direction;
 }
@@ -99,7 +103,7 @@ Eigen::VectorXd maximum_a_posteriori(const LogLikelihood& log_likelihood,
       const bool held = (p[a] <= lower[a] && f.gradient[a] > 0) || (p[a] >= upper[a] && f.gradient[a] < 0);
       if (!held) free.push_back(a);
     }
-    const Eigen::VectorXd direction = newton_direction(f, free);
+    const Eigen::VectorXd direction = newton_direction(f, free, k_longest * width.maxCoeff());
     if ((direction.cwiseAbs().array() <= step_tolerance * width.array()).all()) break;
     bool improved = false;
     for (double length = 1; length > 1e-10; length *= 0.5) {

@@ -222,8 +222,9 @@ void fill_statistics(MetropolisResult& result) {
 
 MetropolisResult adaptive_metropolis(LogDensity& target, const MetropolisOptions& options) {
   require(options);
-  const Eigen::Index chain_count = options.chains, kept = (options.samples + chain_count - 1) / chain_count;
-  const Eigen::Index warm_up = options.warm_up > 0 ? options.warm_up : std::max<Eigen::Index>(kept, 1000);
+  const Eigen::Index chain_count = options.chains;
+  Eigen::Index kept = (options.samples + chain_count - 1) / chain_count;
+  Eigen::Index warm_up = options.warm_up > 0 ? options.warm_up : std::max<Eigen::Index>(kept, 1000);
   // Nobody knows whether the chains will have to go on: while they may, the share goes half of the way that
   // is left.
   Eigen::Index stage_begin = 0, planned = warm_up + kept;
@@ -235,6 +236,16 @@ MetropolisResult adaptive_metropolis(LogDensity& target, const MetropolisOptions
   };
   report(0);
   Chains chains(target, options);
+  Eigen::Index affordable = std::numeric_limits<Eigen::Index>::max();
+  if (options.affordable_steps) {
+    affordable = options.affordable_steps();
+    warm_up = std::min(warm_up, affordable / 2);
+    kept = std::min(kept, affordable - warm_up);
+    planned = warm_up + kept;
+    if (kept < 100)
+      throw NumericalError(fmt::format(
+          "mcmc: {} steps a chain are affordable once the modes are found; 200 are needed", affordable));
+  }
   std::size_t window = 0;
   for (Eigen::Index t = 0; t < warm_up; ++t) {
     chains.advance(true);
@@ -263,6 +274,7 @@ MetropolisResult adaptive_metropolis(LogDensity& target, const MetropolisOptions
     fill_statistics(result);
     if (result.converged || 2 * result.thinning > options.max_thinning) break;
     // Twice the length with the same number of draws: every second one stays.
+    if (warm_up + steps + (kept - kept / 2) * 2 * result.thinning > affordable) break;
     draws = kept / 2;
     for (Eigen::Index c = 0; c < chain_count; ++c)
       for (Eigen::Index t = 0; t < draws; ++t)

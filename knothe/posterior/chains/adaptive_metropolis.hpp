@@ -15,6 +15,9 @@ struct MetropolisOptions {
   /// Chains that have not converged go on, with every 2nd, 4th … draw kept, up to this (a power of 2).
   int max_thinning = 16;
   std::uint64_t seed = 1;
+  /// Asked once the modes are known: how many steps each chain may take, all in all; empty: no limit. Where
+  /// they are too few the warm-up takes at most half of them, and fewer draws are kept.
+  std::function<Eigen::Index()> affordable_steps = {};
   /// Called now and then with the share done in [0, 1]; false interrupts (Interrupted is thrown).
   std::function<bool(double)> progress = {};
 };

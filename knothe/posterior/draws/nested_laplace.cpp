@@ -232,6 +232,7 @@ NestedLaplaceResult nested_laplace(LogDensity& user_target, const NestedLaplaceO
   // Twice as accurate as the whole has to be: the weights of the others come on top.
   RecycledImportanceOptions of_first;
   of_first.seed = options.seed;
+  of_first.looks_beyond = false;
   of_first.share_of_tolerance = 0.5 * ImportanceResult::k_share_of_tolerance;
   of_first.progress = [&](double share) { return !options.progress || options.progress(0.8 * share); };
   const RecycledImportanceResult first = recycled_importance(marginal, of_first);

@@ -6,11 +6,13 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <optional>
 
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/posterior/checked_density.hpp"
 #include "knothe/posterior/draws/importance_proposal.hpp"
+#include "knothe/posterior/draws/outward_walks.hpp"
 #include "knothe/posterior/mode_search.hpp"
 
 namespace knothe::posterior {
@@ -25,6 +27,8 @@ constexpr double k_flat = 0.5;
 constexpr std::size_t k_rounds_before_ascents = 8;
 constexpr Eigen::Index k_ascents = 4;
 constexpr double k_widened = 1.2;
+/// The first look beyond the draws is when errors are so many times what is tolerated.
+constexpr double k_early = 3;
 /// Points that a fit looks at, and those that dependence of coordinates is judged by.
 constexpr Eigen::Index k_fit_points = 2048, k_group_points = 1024;
 double log_sum(double a, double b) {
@@ -73,6 +77,16 @@ class Draws {
 
   [[nodiscard]] Eigen::Index size() const { return points_.rows(); }
   [[nodiscard]] const Eigen::MatrixXd& points() const { return points_; }
+  /// Of draws made at these points, log π̄ given: log of their normalised weights.
+  [[nodiscard]] Eigen::VectorXd log_weights_at(const Eigen::MatrixXd& points,
+                                               const Eigen::VectorXd& log_target) const {
+    Eigen::VectorXd sum = Eigen::VectorXd::Constant(points.rows(), -k_infinity), part;
+    for (const Proposal& p : proposals_) {
+      p.density.log_density(points, part);
+      for (Eigen::Index i = 0; i < sum.size(); ++i) sum[i] = log_sum(sum[i], p.log_draws + part[i]);
+    }
+    return log_target - sum - Eigen::VectorXd::Constant(sum.size(), weigh(1).log_sum);
+  }
   [[nodiscard]] bool are_all_outside() const {
     return !(log_target_.maxCoeff() > CheckedDensity::k_min_log_density);
   }
@@ -176,8 +190,37 @@ void state(const Draws& draws, const RecycledImportanceOptions& options, Recycle
   r.sample.points = draws.points();
   r.sample.weights = weights.values;
   r.sample.state_evidence(weights.log_sum);
-  r.state_errors(variables_of(draws, options));
+  const Eigen::MatrixXd variables = variables_of(draws, options);
+  r.state_errors(variables);
+  if (options.looks_beyond) r.tail_shape = tail_shape_of(variables, weights.values);
   r.converged = r.converged && r.temperatures.back() == 1;
+}
+
+/// Where ascents lead; nowhere, if they fail or are too many: then draws go on without.
+std::vector<Mode> climb(CheckedDensity& target, const Eigen::MatrixXd& starts,
+                        const std::function<bool()>& is_enough) {
+  std::vector<Mode> modes;
+  try {
+    ModeSearch().ascend_from(target, starts, modes, is_enough);
+  } catch (const NumericalError&) {
+  }
+  return modes;
+}
+
+/// Nothing, if walks fail.
+std::optional<MassBeyond> look_beyond(CheckedDensity& target, const Draws& draws,
+                                      const RecycledImportanceOptions& options, int turn) try {
+  const Eigen::MatrixXd variables = variables_of(draws, options);
+  const Eigen::VectorXd weights = draws.weigh(1).values;
+  const CheckedDensity::Leniency lenient(target);
+  return walk_outwards(
+      target,
+      {draws.points(), variables, weights,
+       [&](const auto& points, const auto& values) { return draws.log_weights_at(points, values); },
+       options.variables},
+      {.seed = options.seed + turn});
+} catch (const NumericalError&) {
+  return std::nullopt;
 }
 
 }  // namespace
@@ -190,7 +233,8 @@ RecycledImportanceResult recycled_importance(LogDensity& user_target,
   RandomNumbers random(options.seed);
   Draws draws(d);
   const auto spent = [&] { return options.spent ? options.spent() : target.evaluations(); };
-  const auto affordable = [&] { return spent() + options.draws <= options.max_evaluations; };
+  const std::int64_t for_walks = options.looks_beyond ? cost_of_walks(d) : 0;
+  const auto affordable = [&] { return spent() + options.draws + for_walks <= options.max_evaluations; };
   const auto report = [&] {
     const double share = spent() / static_cast<double>(options.max_evaluations);
     if (options.progress && !options.progress(std::min(1.0, share)))
@@ -202,18 +246,39 @@ RecycledImportanceResult recycled_importance(LogDensity& user_target,
     throw NumericalError(
         fmt::format("smc: the density is zero at all {} first draws from N(0, I)", draws.size()));
   RecycledImportanceResult result;
-  std::vector<Mode> modes;
+  bool ascended = false;
+  int looks = 0;
+  bool early = options.looks_beyond;
   for (double beta = 0;;) {
     beta = draws.next_temperature(beta, enough);
     result.temperatures.push_back(beta);
     state(draws, options, result);
-    if (result.is_done(options.share_of_tolerance) || !affordable()) break;
+    const bool is_good = result.is_done(options.share_of_tolerance);
+    const bool is_fair = early && beta == 1 && affordable() && result.is_within(k_early);
+    if (is_good || is_fair || !affordable()) {
+      if (!options.looks_beyond || !(result.converged || is_fair)) break;
+      result.mass_beyond = looks > 0;  // until it is seen that nothing is left
+      if (spent() + for_walks > options.max_evaluations) break;
+      const std::optional<MassBeyond> beyond = look_beyond(target, draws, options, looks++);
+      if (!beyond) break;
+      result.mass_beyond = beyond->found();
+      early = early && !is_good && beyond->found();
+      if ((is_good && !beyond->found()) || !affordable()) break;
+      report();
+      if (beyond->found()) {
+        draws.add(target, of_all(Mixture(beyond->places, k_tails)), options.draws, random);
+        continue;
+      }
+    }
     report();
-    if (beta < 1 && modes.empty() && result.temperatures.size() >= k_rounds_before_ascents) {
-      const Eigen::VectorXd evenly = Eigen::VectorXd::Ones(draws.size());
-      ModeSearch().ascend_from(target, draws.at(beta, evenly, k_ascents, options.seed).points, modes);
+    if (beta < 1 && !ascended && result.temperatures.size() >= k_rounds_before_ascents) {
+      ascended = true;
+      const std::int64_t enough_spent = spent() + (options.max_evaluations - spent()) / 4;
+      const std::vector<Mode> modes =
+          climb(target, draws.at(beta, Eigen::VectorXd::Ones(draws.size()), k_ascents, options.seed).points,
+                [&] { return spent() > enough_spent; });
       if (!affordable()) break;
-      draws.add(target, of_all(around(modes)), options.draws, random);
+      if (!modes.empty()) draws.add(target, of_all(around(modes)), options.draws, random);
     } else {
       draws.add(target, fitted(draws, beta, enough / 3, options), options.draws, random);
     }

@@ -23,6 +23,8 @@ struct RecycledImportanceOptions {
   /// same.
   std::function<Eigen::MatrixXd(const Eigen::MatrixXd&)> variables = {};
   std::function<bool(double)> progress = {};  ///< with the share of `max_evaluations`; false interrupts
+  /// Whether walks from the outermost draws look for mass beyond them before the draws are called good.
+  bool looks_beyond = true;
 };
 
 struct RecycledImportanceResult : ImportanceResult {
@@ -35,8 +37,10 @@ struct RecycledImportanceResult : ImportanceResult {
 /// fitted to them (`ImportanceProposal`), those far from the mean counted more. Draws at low β keep sight of
 /// modes far away. Where β is still below 1 after eight rounds, the mass is far away or small: then draws
 /// come from Laplace approximations as well, at the modes found by ascent from four draws, for which alone
-/// derivatives are asked for. A function of the target and the options alone. Errors: NumericalError if the
-/// target is zero at all first draws; Interrupted; those of the target.
+/// derivatives are asked for. Draws that look good are judged by walks from the outermost of them
+/// (`walk_outwards`); where these find mass, rounds go on from there. A function of the target and the
+/// options alone. Errors: NumericalError if the target is zero at all first draws; Interrupted; those of the
+/// target.
 [[nodiscard]] RecycledImportanceResult recycled_importance(LogDensity& target,
                                                            const RecycledImportanceOptions& options = {});
 

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/json_text.hpp"
 #include "knothe/model/forward/separated_forward_model.hpp"
@@ -101,7 +102,12 @@ HttpResponse UmBridge::answer(const HttpRequest& request) {
 }
 
 UmBridge::SiteModels& UmBridge::models_of(const nlohmann::json& config) {
+  static const std::vector<std::string> k_keys = {"site", "step"};
   if (!config.is_object()) invalid_input("\"config\" must be an object");
+  for (const auto& [key, value] : config.items())
+    if (std::find(k_keys.begin(), k_keys.end(), key) == k_keys.end())
+      invalid_input(fmt::format("config: \"{}\" is not a key of it{}; it has \"site\" and \"step\"",
+                                key.substr(0, 100), did_you_mean(key, k_keys)));
   const auto it = config.find("site");
   if (it == config.end()) return models_.front();
   if (it->is_string())
