@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "knothe/assimilation/verdict/parameter_change.hpp"
+#include "knothe/assimilation/verdict/prior_conflict.hpp"
 #include "knothe/likelihood/step/prior_of_model.hpp"
 #include "knothe/numerics/statistics/chi_squared.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
@@ -105,14 +106,17 @@ bool has_cause(const Verdict& verdict) {
 Assessor::Assessor(std::shared_ptr<const model::ObservedModel> model, likelihood::NoiseModel noise,
                    const std::vector<posterior::Prior>& priors, model::Sensors sensors,
                    likelihood::RobustOptions robust, model::ObservedErrors errors,
-                   const MonitorOptions& monitor, VerdictOptions options)
+                   const MonitorOptions& monitor, std::vector<model::Axis> axes, VerdictOptions options)
     : model_(std::move(model)),
       priors_(priors),
+      axes_(std::move(axes)),
       robust_(robust),
       errors_(std::move(errors)),
       monitor_(monitor),
       options_(options),
       tests_(model_, std::move(noise), std::move(sensors)) {
+  for (std::size_t a = axes_.size(); a < priors.size(); ++a)
+    axes_.emplace_back().name = a < model_->parameters.size() ? model_->parameters[a] : fmt::format("p{}", a);
   model::FunctionBatch centre;
   centre.resize(1, priors_.dimension(), model_->functions->count(), 0);
   model_->functions->evaluate(likelihood::medians(priors_).transpose(), 0, centre);
@@ -130,6 +134,8 @@ Verdict Assessor::assess(const AssessedPosterior& posterior, std::span<const lik
   if (posterior.latest != nullptr) verdict.latest = misfit_of(*posterior.latest, posterior);
   assess_computation(posterior.update, verdict);
   assess_fit(posterior, data, verdict);
+  if (auto reason = conflict_reason(find_prior_conflict(priors_, posterior.update), priors_, axes_))
+    verdict.add(std::move(*reason));
   assess_range(posterior.update, verdict);
   assess_model(posterior, data, verdict);
   assess_sensors(posterior, verdict);
@@ -168,7 +174,12 @@ ResidualReport Assessor::examine(const AssessedPosterior& posterior,
       const double degrees = robust_.degrees_of_freedom;
       scores = scores.unaryExpr([degrees](double t) { return t == 0 ? 0.0 : normal_score(t, degrees); });
     }
-    return tests_.examine_scores(std::move(scores), parameters);
+    ResidualReport judged = tests_.examine_scores(std::move(scores), parameters);
+    // A Student-t likelihood is for noise that is normal but for some values, too: only against that can
+    // values be too small.
+    if (robust_.degrees_of_freedom > 0)
+      judged.set(ResidualTest::too_small, report.of(ResidualTest::too_small));
+    return judged;
   }
   if (posterior.all_data == nullptr) return report;
   // All data, also those whose residuals are no longer looked at, and errors that steps share eliminated.

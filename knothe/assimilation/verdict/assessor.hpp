@@ -46,11 +46,12 @@ struct AssessedPosterior {
 /// The verdict of one posterior. Cost at 60 dofs: some 50 µs, and milliseconds where the data do not fit.
 class Assessor {
  public:
-  /// `priors`: truncated to the model's box. `errors` may be empty.
+  /// `priors`: truncated to the model's box. `errors` may be empty. `axes`: what 1.0 of a parameter means, or
+  /// empty.
   Assessor(std::shared_ptr<const model::ObservedModel> model, likelihood::NoiseModel noise,
            const std::vector<posterior::Prior>& priors, model::Sensors sensors,
            likelihood::RobustOptions robust, model::ObservedErrors errors, const MonitorOptions& monitor,
-           VerdictOptions options = {});
+           std::vector<model::Axis> axes = {}, VerdictOptions options = {});
 
   /// `data`: all that are still to be explained, in the order of the steps.
   [[nodiscard]] Verdict assess(const AssessedPosterior& posterior,
@@ -77,10 +78,11 @@ class Assessor {
   void assess_sensors(const AssessedPosterior& posterior, Verdict& verdict) const;
   [[nodiscard]] Eigen::VectorXd relevance_of_errors(const UpdateResult& update) const;
   [[nodiscard]] Eigen::MatrixXd projected_errors(const likelihood::Datum& datum) const;
-  [[nodiscard]] const std::string& name_of_parameter(Eigen::Index a) const { return model_->parameters[a]; }
+  [[nodiscard]] const std::string& name_of_parameter(Eigen::Index a) const { return axes_[a].name; }
 
   std::shared_ptr<const model::ObservedModel> model_;
   posterior::PriorTransform priors_;
+  std::vector<model::Axis> axes_;  ///< d
   Eigen::VectorXd central_;  ///< w₀ of forms
   likelihood::RobustOptions robust_;
   model::ObservedErrors errors_;

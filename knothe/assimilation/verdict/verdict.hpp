@@ -21,13 +21,14 @@ constexpr auto names_of(VerdictLevel /*level*/) {
 }
 
 /// Which part of the verdict a reason belongs to.
-enum class VerdictPart { computation, fit, range, model, bias, outlier };
+enum class VerdictPart { computation, fit, prior, range, model, bias, outlier };
 
 constexpr auto names_of(VerdictPart /*part*/) {
   using Part = VerdictPart;
   return std::to_array<Named<Part>>({{Part::computation, "computation"},
                                      {Part::fit, "fit"},
-                                     {Part::range, "range"},
+                                     {Part::prior, "prior"},
+                                {Part::range, "range"},
                                      {Part::model, "model"},
                                      {Part::bias, "bias"},
                                      {Part::outlier, "outlier"}});
