@@ -83,7 +83,7 @@ class Assessor {
   std::shared_ptr<const model::ObservedModel> model_;
   posterior::PriorTransform priors_;
   std::vector<model::Axis> axes_;  ///< d
-  Eigen::VectorXd central_;  ///< w₀ of forms
+  Eigen::VectorXd central_;        ///< w₀ of forms
   likelihood::RobustOptions robust_;
   model::ObservedErrors errors_;
   MonitorOptions monitor_;

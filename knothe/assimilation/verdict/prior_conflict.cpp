@@ -17,9 +17,9 @@ namespace {
 using Eigen::Index;
 
 constexpr double k_min_information = 0.1;  // of 1 − C, from here on a direction counts
-constexpr double k_inaccuracy = 0.01;      // variance of a mean that is computed and of a model that is curved
-constexpr double k_farthest = 8.5;         // of a point at an end of the box
-constexpr double k_by_chance = 1e-3;       // probability of a caution
+constexpr double k_inaccuracy = 0.01;  // variance of a mean that is computed and of a model that is curved
+constexpr double k_farthest = 8.5;     // of a point at an end of the box
+constexpr double k_by_chance = 1e-3;   // probability of a caution
 constexpr double k_by_chance_if_it_matters = 1.5e-2;
 constexpr double k_matters = 3;        // of the pull
 constexpr double k_reject_beyond = 5;  // distance: 6e-7
@@ -85,7 +85,8 @@ std::string with_space(const std::string& units) {
 /// Whether mean and covariance of p cannot say that all is well: far from the prior, or the posterior so wide
 /// that p(z) is not linear over it.
 bool needs_points(const PriorConflict& conflict, const Moments& z) {
-  const auto far = z.mean.array().abs() > 0.6 && (conflict.distance.array() > 2 || z.covariance.diagonal().array() > 0.5);
+  const auto far =
+      z.mean.array().abs() > 0.6 && (conflict.distance.array() > 2 || z.covariance.diagonal().array() > 0.5);
   return far.any() || conflict.probability < 0.05;
 }
 

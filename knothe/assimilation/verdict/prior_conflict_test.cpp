@@ -30,8 +30,8 @@ posterior::Posterior normal_posterior(const VectorXd& mean, const MatrixXd& cova
   made.mean = mean;
   made.covariance = covariance;
   const MatrixXd factor = covariance.llt().matrixL();
-  made.points = (numerics::sobol_normal_points(512, mean.size(), 3) * factor.transpose()).rowwise() +
-                mean.transpose();
+  made.points =
+      (numerics::sobol_normal_points(512, mean.size(), 3) * factor.transpose()).rowwise() + mean.transpose();
   made.weights = VectorXd::Constant(512, 1.0 / 512);
   return made;
 }
