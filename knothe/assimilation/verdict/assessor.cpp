@@ -247,8 +247,7 @@ std::string Assessor::misfit_in_words(const ResidualReport& report,
              "sensor as stated; the intervals are too narrow";
     case ResidualTest::repeated:
       return fmt::format(
-          "step {} repeats the values of the step before to the last digit: it was stored "
-          "twice; withdraw it",
+          "step {} repeats the values of a datum before it to the last digits: it was stored twice; withdraw it",
           data[at]->step);
   }
   return {};

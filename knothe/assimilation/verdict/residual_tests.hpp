@@ -32,7 +32,7 @@ enum class ResidualTest {
   time_neighbours,   ///< correlation of residuals that follow each other
   space_neighbours,  ///< correlation of residuals of the same component next to each other
   constancy,         ///< the parameters before a time and after it (parameter_change.hpp)
-  repeated           ///< a datum that is, to the last digit, the one before
+  repeated           ///< a datum that is, to its last digits, the one before or one of the same time
 };
 inline constexpr std::size_t k_residual_tests = 14;
 
@@ -92,6 +92,7 @@ class ResidualTests {
   [[nodiscard]] const std::vector<Eigen::Index>& groups() const { return groups_; }  ///< n: of each sensor
 
  private:
+  [[nodiscard]] bool repeats(std::span<const likelihood::DatumPointer> data, Eigen::Index k) const;
   [[nodiscard]] Eigen::VectorXd weighted_present(const Eigen::VectorXd& values,
                                                  const Eigen::VectorXd& residual);
   void test_independent(ResidualReport& report, Eigen::Index parameters) const;

@@ -4,6 +4,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <random>
@@ -131,6 +132,20 @@ TEST(Verdict, SeesADatumThatIsRepeatedAndNoiseThatIsCorrelated) {
   const Verdict repeated = bench.verdict();
   ASSERT_FALSE(repeated.reasons.empty());
   EXPECT_NE(verdict_text(repeated).find("repeat"), std::string::npos) << verdict_text(repeated);
+  // The same with other last digits, with a value missing in both, and not next to each other.
+  Bench again;
+  for (const Index apart : {1, 2}) {
+    again.data = Bench().data;
+    again.data(7, 8) = std::numeric_limits<double>::quiet_NaN();
+    again.data.col(8 + apart) = (1 + 1e-13) * again.data.col(8);
+    if (apart == 2)
+      again.data.col(9) =
+          again.model->predict(again.truth, 8) + again.data.col(3) - again.model->predict(again.truth, 3);
+    for (Index k = 9; k <= 8 + apart; ++k) again.times[static_cast<std::size_t>(k)] = 8;
+    EXPECT_NE(verdict_text(again.verdict()).find("repeats the values of a datum before it"),
+              std::string::npos)
+        << apart;
+  }
   Bench slow;
   MatrixXd noise = slow.data;
   for (Index t = 0; t < k_times; ++t)
