@@ -205,6 +205,25 @@ void Assessor::test_constancy(const AssessedPosterior& posterior,
   if (first < data.size()) report.set(ResidualTest::constancy, change.probability, data[first]->step);
 }
 
+/// Whether a series asks for the parameters that all data ask for.
+void Assessor::test_agreement(const AssessedPosterior& posterior,
+                              std::span<const likelihood::DatumPointer> examined,
+                              ResidualReport& report) const {
+  if (posterior.all_data == nullptr) return;
+  const Eigen::MatrixXd& tangent = posterior.functions.tangent;
+  std::vector<Eigen::MatrixXd> series = tests_.said_by_series(examined, report, tangent);
+  if (series.empty()) return;
+  const double level = posterior.update.noise_level.value_or(1.0);
+  const Eigen::MatrixXd all =
+      said_of_parameters(posterior.all_data->form, posterior.functions.mean - central_, tangent);
+  for (Index s = 0; s < std::ssize(series); ++s) {
+    series[s].rightCols(1) *= std::sqrt(level);  // of scores in the noise's true standard deviations
+    const double probability = std::min(1.0, std::ssize(series) * probability_of_part(series[s], all, level));
+    if (probability < report.of(ResidualTest::agreement))
+      report.set(ResidualTest::agreement, probability, tests_.noise().size() - std::ssize(series) + s);
+  }
+}
+
 std::string Assessor::misfit_in_words(const ResidualReport& report,
                                       std::span<const likelihood::DatumPointer> data) const {
   const ResidualTest worst = report.worst(options_.fit_caution);
@@ -234,6 +253,10 @@ std::string Assessor::misfit_in_words(const ResidualReport& report,
                              ? " (they are correlated from step to step: the model is wrong, or the noise is "
                                "not independent)"
                              : "");
+    case ResidualTest::agreement:
+      return fmt::format(
+          "{} and the other data ask for different parameters: one of them, or the model, is wrong",
+          tests_.name_of(at));
     case ResidualTest::constancy:
       return fmt::format(
           "the data before step {} and those from it on ask for different parameters: the structure changed "
@@ -247,7 +270,8 @@ std::string Assessor::misfit_in_words(const ResidualReport& report,
              "sensor as stated; the intervals are too narrow";
     case ResidualTest::repeated:
       return fmt::format(
-          "step {} repeats the values of a datum before it to the last digits: it was stored twice; withdraw it",
+          "step {} repeats the values of a datum before it to the last digits: it was stored twice; withdraw "
+          "it",
           data[at]->step);
   }
   return {};
@@ -259,6 +283,7 @@ void Assessor::assess_fit(const AssessedPosterior& posterior, std::span<const li
   const auto examined = data.last(std::min(options_.examined, data.size()));
   ResidualReport report = examine(posterior, examined);
   test_constancy(posterior, data, report);
+  test_agreement(posterior, examined, report);
   verdict.fit_probability = report.of(ResidualTest::total);
   if (!report.fails(options_.fit_caution)) return;
   const ResidualTest worst = report.worst(options_.fit_caution);

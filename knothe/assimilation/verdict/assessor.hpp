@@ -68,6 +68,8 @@ class Assessor {
                                        std::span<const likelihood::DatumPointer> data);
   void test_constancy(const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> data,
                       ResidualReport& report) const;
+  void test_agreement(const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> examined,
+                      ResidualReport& report) const;
   [[nodiscard]] std::string misfit_in_words(const ResidualReport& report,
                                             std::span<const likelihood::DatumPointer> data) const;
   void assess_range(const UpdateResult& update, Verdict& verdict) const;

@@ -120,6 +120,10 @@ ResidualTests::ResidualTests(std::shared_ptr<const model::ObservedModel> model, 
       group_names_.push_back(sensors_.scalars[k]);
     }
     neighbours_ = nearest_of_same_component(sensors_);
+    const auto scalars = std::ssize(sensors_.scalars);
+    if (scalars > 0 && n > 1)
+      for (const Eigen::MatrixXd& core : model_->core)
+        series_rows_.emplace_back(model_->space.bottomRows(scalars) * core);
   } else {
     sensors_ = {};
   }
@@ -305,6 +309,28 @@ void ResidualTests::test_extremes(ResidualReport& report) const {
   if (likelihood::links_steps(noise_)) return;
   const double mean = sums.cwiseAbs().maxCoeff(&at) / std::sqrt(z.cols());
   report.set(ResidualTest::sensor_mean, of_many(mean, z.rows()), at);
+}
+
+std::vector<Eigen::MatrixXd> ResidualTests::said_by_series(std::span<const likelihood::DatumPointer> data,
+                                                           const ResidualReport& report,
+                                                           const Eigen::MatrixXd& tangent) const {
+  if (series_rows_.empty() || !noise_.measurement().is_independent() || noise_.has_step_errors() ||
+      likelihood::links_steps(noise_))
+    return {};
+  const Index d = tangent.cols(), count = std::ssize(sensors_.scalars), first = report.scores.rows() - count;
+  std::vector<Eigen::MatrixXd> said(count, Eigen::MatrixXd::Zero(d, d + 1));
+  for (Index k = 0; k < std::ssize(data); ++k) {
+    if (data[k]->noise || likelihood::has_own_noise(noise_, data[k]->step)) continue;
+    const Eigen::MatrixXd slope = series_rows_[data[k]->time_index].lazyProduct(tangent);  // s × d
+    for (Index s = 0; s < count; ++s) {
+      const double z = report.scores(first + s, k);
+      if (z == 0) continue;  // missing
+      const Eigen::VectorXd row = inverse_std_[first + s] * slope.row(s);
+      said[s].leftCols(d) += row * row.transpose();
+      said[s].col(d) += z * row;
+    }
+  }
+  return said;
 }
 
 /// What takes independent noise.

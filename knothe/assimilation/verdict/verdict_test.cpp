@@ -218,6 +218,39 @@ TEST(Verdict, OfAStudentTLikelihoodIsOkWithNormalNoise) {
   EXPECT_EQ(not_ok, 0);
 }
 
+/// A force whose residuals are small each, but all of one sign: it asks for other parameters.
+TEST(Verdict, SaysWhereAForceAndTheDisplacementsAskForDifferentParameters) {
+  int named = 0, contradicted = 0;
+  for (unsigned seed = 1; seed <= 20; ++seed) {
+    Bench bench(seed);
+    model::Sensors sensors;
+    for (std::size_t i = 0; i + 1 < k_sensors; ++i)
+      sensors.add(bench.sensors.point(i), bench.sensors.components[i]);
+    sensors.scalars = {"force"};
+    bench.sensors = sensors;
+    VectorXd std = VectorXd::Constant(k_sensors, 0.1);
+    std[k_sensors - 1] = 0.01;
+    bench.noise = likelihood::NoiseModel::independent(std);
+    const auto with_force_of = [&](const Eigen::Vector2d& p) {
+      bench.data = likelihood::test::synthetic_data(*bench.model, bench.truth, std, seed);
+      for (Index t = 0; t < k_times; ++t)
+        bench.data(k_sensors - 1, t) +=
+            (bench.model->predict(p, static_cast<std::size_t>(t)) -
+             bench.model->predict(bench.truth, static_cast<std::size_t>(t)))[k_sensors - 1];
+      const Verdict verdict = bench.verdict();
+      return verdict.misfit() == nullptr ? std::string() : verdict.misfit()->message;
+    };
+    contradicted += with_force_of(bench.truth).empty() ? 0 : 1;
+    named +=
+        with_force_of(bench.truth + Eigen::Vector2d(0.015, 0)).find("\"force\" and the other data ask for") ==
+                0
+            ? 1
+            : 0;
+  }
+  EXPECT_EQ(contradicted, 0);
+  EXPECT_GE(named, 10);
+}
+
 /// A linear model with normal priors, where the shift of the mean is Σ Aᵀ R⁻¹ e.
 TEST(Verdict, ShiftByTheModelsErrorIsThatOfTheConjugateFormula) {
   const Index d = 3;
