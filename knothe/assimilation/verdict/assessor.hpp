@@ -23,7 +23,7 @@ struct VerdictOptions {
   /// Shift by the model's own error, in standard deviations: of errors carried to the posterior, and of fits
   /// to the known solutions, which see more.
   double carried_caution = 0.6, carried_reject = 2, fitted_caution = 1, fitted_reject = 3;
-  /// How steeply a marginal falls from an edge of the box (assessor.cpp, `pressure`): 0.65 for a normal
+  /// How steeply a marginal falls from an edge of the box (`edge_pressure`): 0.65 for a normal
   /// density whose mean is a standard deviation beyond it, 0.69 for one that falls exponentially.
   double edge_caution = 0.672, edge_reject = 0.68;
   double rejected_values = 0.1;  ///< share of a datum's values
