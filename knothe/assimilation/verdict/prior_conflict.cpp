@@ -17,6 +17,8 @@ namespace {
 using Eigen::Index;
 
 constexpr double k_min_information = 0.1;  // of 1 − C, from here on a direction counts
+// Data that say nothing do not move a mean so far: the model is curved, and they say about so much.
+constexpr double k_moved = 1, k_information_where_curved = 0.25;
 constexpr double k_inaccuracy = 0.01;  // variance of a mean that is computed and of a model that is curved
 constexpr double k_farthest = 8.5;     // of a point at an end of the box
 constexpr double k_by_chance = 1e-3;   // probability of a caution
@@ -58,8 +60,10 @@ PriorConflict conflict_of(const Moments& z) {
   PriorConflict found{Eigen::VectorXd::Zero(d), Eigen::VectorXd::Zero(d), Eigen::VectorXd::Zero(d),
                       Eigen::VectorXd::Zero(d), 1};
   for (Index a = 0; a < d; ++a) {
-    const double variance = z.covariance(a, a), information = 1 - variance;
-    if (!(information >= k_min_information)) continue;
+    const double variance = z.covariance(a, a), seen = 1 - variance;
+    const bool is_seen = seen >= k_min_information;
+    if (!is_seen && std::abs(z.mean[a]) < k_moved) continue;
+    const double information = is_seen ? seen : k_information_where_curved;
     found.distance[a] = std::abs(z.mean[a]) / std::sqrt(information + k_inaccuracy);
     found.estimate[a] = z.mean[a] / information;
     found.std[a] = std::sqrt(variance / information);

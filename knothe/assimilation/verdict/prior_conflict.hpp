@@ -28,7 +28,8 @@ struct PriorConflict {
 ///
 /// and the data alone give the value m_a / (1 − C_aa) with the variance C_aa / (1 − C_aa) for parameter a. So
 /// |m_a| / √(1 − C_aa) is its distance, and mᵀ (I − C)⁻¹ m of χ² distribution. Directions in which the data
-/// say less than a tenth of what the prior says do not count: there a curved model is not as this one.
+/// say less than a tenth of what the prior says do not count: there a curved model is not as this one. Only a
+/// mean that has moved by more than one does, whatever C says.
 /// Cost: O(d), and O(n d) in the points where a look at mean and covariance alone is not clear.
 [[nodiscard]] PriorConflict find_prior_conflict(const posterior::PriorTransform& priors,
                                                 const posterior::Posterior& posterior);

@@ -98,6 +98,17 @@ TEST(PriorConflict, NamesTheParameterAndWhatTheDataGive) {
   EXPECT_FALSE(c.reason());
 }
 
+/// A model that is curved: the prior lies where the data see little, and is moved all the same.
+TEST(PriorConflict, APosteriorThatHasMovedAndIsAsWideAsThePriorIsOne) {
+  const PriorTransform priors({Prior::normal(0, 1)});
+  const auto reason_at = [&](double mean) {
+    const auto posterior = normal_posterior(VectorXd::Constant(1, mean), MatrixXd::Constant(1, 1, 1.1));
+    return conflict_reason(find_prior_conflict(priors, posterior), priors, axes(1));
+  };
+  EXPECT_TRUE(reason_at(-2));
+  EXPECT_FALSE(reason_at(0.9));
+}
+
 /// Data that know the sum of two parameters only: each prior alone could be right, not both.
 TEST(PriorConflict, ParametersTakenTogetherContradictWhereNoneDoesAlone) {
   const Index d = 6;
