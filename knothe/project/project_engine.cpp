@@ -47,6 +47,8 @@ assimilation::EngineSetup engine_setup(const Project& project, const UpdateSetup
       model::observe_off_grid(model::read_truncation_error(project.model), setup.model.contents(),
                               project.model, setup.measurements.sensors, project.sensors,
                               setup.problem.model->time, setup.problem.model->observations());
+  for (const model::Axis& axis : setup.model.contents().axes)
+    engine.axes.push_back({axis.name, {}, axis.units, axis.long_name, axis.reference});
   engine.watches_sensors = !setup.pictures && setup.measurements.noise.measurement().is_independent();
   engine.name = name_of(project.model, project);
   for (const std::string& file : project.candidates)

@@ -16,20 +16,6 @@ std::vector<std::string> parameter_names(std::span<const model::Axis> axes) {
   return names;
 }
 
-std::string reference_units(const model::Axis& axis) {
-  if (axis.reference == 1) return axis.units;
-  const std::string& text = axis.long_name;
-  constexpr std::string_view k_of_its = "multiple of its reference [", k_of = "multiple of ";
-  if (const auto at = text.find(k_of_its); at != std::string::npos) {
-    const std::size_t begin = at + k_of_its.size();
-    return text.substr(begin, text.find(']', begin) - begin);
-  }
-  const auto at = text.find(k_of);
-  if (at == std::string::npos) return "";
-  const auto space = text.find(' ', at + k_of.size());  // behind the number
-  return space == std::string::npos ? "" : text.substr(space + 1);
-}
-
 nlohmann::ordered_json support_of(const posterior::Prior& prior) {
   auto support = nlohmann::ordered_json::array();
   for (const double end : {prior.lower(), prior.upper()})

@@ -16,9 +16,7 @@ namespace knothe::record {
 
 [[nodiscard]] std::vector<std::string> parameter_names(std::span<const model::Axis> axes);
 
-/// The unit of an axis' reference value, "J/m3": the axis' own where its reference is 1, else what its long
-/// name ends in, "multiple of its reference [J/m3]" or "multiple of 216 J/m3". Empty where neither says it.
-[[nodiscard]] std::string reference_units(const model::Axis& axis);
+using model::reference_units;
 
 /// [lower, upper] of a prior; null for an infinite end.
 [[nodiscard]] nlohmann::ordered_json support_of(const posterior::Prior& prior);

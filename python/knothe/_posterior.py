@@ -24,7 +24,7 @@ class Reason:
     Attributes
     ----------
     code : str
-        ``computation``, ``fit``, ``range``, ``model``, ``bias`` or ``outlier``.
+        ``computation``, ``fit``, ``prior``, ``range``, ``model``, ``bias`` or ``outlier``.
     level : str
         ``caution`` or ``reject``.
     message : str

@@ -70,7 +70,8 @@ assimilation::EngineSetup setup_of(const BeamBench& bench, const Case& c) {
     std[std.size() - 1] = k_force_noise;
   }
   setup.noise = likelihood::NoiseModel::independent(std);
-  setup.priors = priors();
+  setup.priors = c.priors.empty() ? priors() : c.priors;
+  setup.robust.degrees_of_freedom = c.degrees_of_freedom;
   setup.watches_sensors = true;
   setup.known_errors = c.model->errors;
   if (c.force) {

@@ -17,6 +17,7 @@ using Random = std::mt19937_64;
 
 constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
 constexpr int k_nodes = 13;
+constexpr double k_machine_stiffness = 4e8;  // N/m
 constexpr std::size_t k_modes = 60;
 
 MatrixXd white(Index rows, Index columns, Random& random) {
@@ -80,20 +81,29 @@ Situation another_model(const std::string& name, int nodes, std::size_t modes, m
           }};
 }
 
+/// A history between its steps.
+Eigen::VectorXd at_time(const History& exact, double time) {
+  const double at = std::clamp(time, 0.0, static_cast<double>(exact.cols() - 1));
+  const Index left = std::min<Index>(static_cast<Index>(at), exact.cols() - 2);
+  const double share = at - static_cast<double>(left);
+  return (1 - share) * exact.col(left) + share * exact.col(left + 1);
+}
+
+/// The test's time is `time_of` (history, step).
+Situation timed(const std::string& name, MisfitCause cause,
+                std::function<double(const History&, Index)> time_of) {
+  return {name, cause, [time_of](BeamBench& bench, const Vector2d& truth, Random& random) {
+            const History& exact = bench.history(modelled(), truth);
+            History other(exact.rows(), exact.cols());
+            for (Index t = 0; t < exact.cols(); ++t) other.col(t) = at_time(exact, time_of(exact, t));
+            return case_of(good_model(bench), measured(other, random));
+          }};
+}
+
 /// The test's time runs by `steps` ahead of the data's.
 Situation shifted(const std::string& name, double steps) {
-  return {name, MisfitCause::time_shift, [steps](BeamBench& bench, const Vector2d& truth, Random& random) {
-            const History& exact = bench.history(modelled(), truth);
-            History late(exact.rows(), exact.cols());
-            for (Index t = 0; t < exact.cols(); ++t) {
-              const double at =
-                  std::clamp(static_cast<double>(t) + steps, 0.0, static_cast<double>(exact.cols() - 1));
-              const Index left = std::min<Index>(static_cast<Index>(at), exact.cols() - 2);
-              const double share = at - static_cast<double>(left);
-              late.col(t) = (1 - share) * exact.col(left) + share * exact.col(left + 1);
-            }
-            return case_of(good_model(bench), measured(late, random));
-          }};
+  return timed(name, MisfitCause::time_shift,
+               [steps](const History&, Index t) { return static_cast<double>(t) + steps; });
 }
 
 Structure structure(const std::string& name, const std::function<void(offline::BeamProblem&)>& change) {
@@ -247,6 +257,55 @@ std::vector<Situation> wrong_situations() {
     for (std::size_t i = 0; i < bench.sensors().components.size(); ++i)
       if (bench.sensors().point(i)[0] > -0.02) c.values.row(static_cast<Index>(i)).setConstant(k_nan);
   }));
+  all.push_back(timed("a frame lost", MisfitCause::lost_frame,
+                      [](const History&, Index t) { return static_cast<double>(t < 22 ? t : t + 1); }));
+  all.push_back(timed("a time base that is bent", MisfitCause::time_base, [](const History&, Index t) {
+    return static_cast<double>(t) + std::sin(M_PI * static_cast<double>(t) / (k_steps - 1.0));
+  }));
+  // The specimen gets the imposed displacement less what the machine takes up of it.
+  all.push_back(timed("a machine that yields", MisfitCause::time_base, [](const History& exact, Index t) {
+    const double a_step = modelled_beam().solver.displacement / static_cast<double>(k_steps);
+    double at = static_cast<double>(t);
+    for (int k = 0; k < 50; ++k)
+      at = 0.5 * (at + static_cast<double>(t) -
+                  std::abs(at_time(exact, at)[exact.rows() - 1]) / k_machine_stiffness / a_step);
+    return at;
+  }));
+  all.push_back(changed("half a camera 1 % larger", MisfitCause::scale, [](BeamBench& b, Case& c, Random&) {
+    for (std::size_t i = 0; i < b.sensors().components.size(); ++i)
+      if (b.sensors().point(i)[0] > 0) c.values.row(static_cast<Index>(i)) *= 1.01;
+  }));
+  all.push_back(changed("a range that ends", MisfitCause::saturation, [](BeamBench&, Case& c, Random&) {
+    const double end = 0.4 * c.values.cwiseAbs().maxCoeff();
+    c.values = c.values.cwiseMin(end).cwiseMax(-end);
+  }));
+  all.push_back(changed("unloaded by 30 %", MisfitCause::few_steps,
+                        [](BeamBench&, Case& c, Random&) { c.values.middleCols(25, 6) *= 0.7; }));
+  all.push_back(
+      {"preloaded", MisfitCause::offset, [](BeamBench& bench, const Vector2d& truth, Random& random) {
+         const History& exact = bench.history(modelled(), truth);
+         History late(exact.rows(), exact.cols() - 4);
+         for (Index t = 0; t < late.cols(); ++t) late.col(t) = exact.col(t + 4) - exact.col(4);
+         return case_of(good_model(bench), measured(late, random));
+       }});
+  all.push_back(changed("smoothed over 5 pictures", std::nullopt, [](BeamBench&, Case& c, Random&) {
+    const MatrixXd right = c.values;
+    for (Index t = 2; t + 2 < right.cols(); ++t)
+      c.values.col(t) = right.middleCols(t - 2, 5).rowwise().mean();
+  }));
+  // As wide as the data can contradict it: one that is much narrower than what they say decides alone.
+  const std::pair<const char*, double> narrow[] = {{"prior of Y0 6 std away", 0.1},
+                                                   {"prior of Ad 6 std away", 0.02}};
+  for (std::size_t a = 0; a < 2; ++a)
+    all.push_back({narrow[a].first, std::nullopt,
+                   [a, width = narrow[a].second](BeamBench& bench, const Vector2d& truth, Random& random) {
+                     Case c = right_case(bench, truth, random);
+                     const auto k = static_cast<Index>(a);
+                     c.priors = priors();
+                     c.priors[a] =
+                         posterior::Prior::normal(truth[k] + (truth[k] > 1 ? -6 : 6) * width, width);
+                     return c;
+                   }});
   all.push_back(changed("pictures stored twice", std::nullopt, [](BeamBench&, Case& c, Random&) {
     MatrixXd twice(c.values.rows(), 2 * c.values.cols());
     std::vector<std::size_t> times;

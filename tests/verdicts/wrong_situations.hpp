@@ -19,6 +19,8 @@ struct Case {
   std::vector<std::size_t> time_indices;  ///< of the data
   double noise = k_noise;                 ///< as stated
   const Structure* structure = nullptr;   ///< that made the data, where it is not the model's
+  std::vector<posterior::Prior> priors;   ///< in place of those of all others
+  double degrees_of_freedom = 0;          ///< of a Student-t likelihood
 };
 
 struct Situation {

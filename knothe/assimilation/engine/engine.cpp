@@ -23,7 +23,7 @@ Engine::Engine(EngineSetup setup)
       method_(make_method(setup_)),
       watch_(setup_.noise),
       assessor_(setup_.model, setup_.noise, priors_, setup_.sensors, setup_.robust,
-                std::exchange(setup_.known_errors, {}), setup_.update.monitor) {
+                std::exchange(setup_.known_errors, {}), setup_.update.monitor, setup_.axes) {
   for (const CandidateModel& candidate : setup_.candidates)
     candidates_.push_back(make_method(candidate.problem));
 }

@@ -23,6 +23,7 @@ struct EngineSetup : Problem {
   bool watches_sensors = false;            ///< tells sensors that are stuck or silent
   model::Sensors sensors;                  ///< places and names for the verdict; may be empty
   model::ObservedErrors known_errors;      ///< of the model, at the sensors; may be empty
+  std::vector<model::Axis> axes;           ///< what 1.0 of a parameter means; may be empty
   std::string name;                        ///< of the model, where several are compared
   std::size_t model_version = 0;           ///< how often it has been refined
   std::vector<CandidateModel> candidates;  ///< models to compare with it on the same data

@@ -4,13 +4,14 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
-#include <array>
 #include <boost/math/distributions/students_t.hpp>
 #include <cmath>
 #include <utility>
 #include <vector>
 
+#include "knothe/assimilation/verdict/edge_pressure.hpp"
 #include "knothe/assimilation/verdict/parameter_change.hpp"
+#include "knothe/assimilation/verdict/prior_conflict.hpp"
 #include "knothe/likelihood/step/prior_of_model.hpp"
 #include "knothe/numerics/statistics/chi_squared.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
@@ -25,65 +26,6 @@ double normal_score(double t, double degrees) {
   const boost::math::students_t distribution(degrees);
   const double z = numerics::normal_quantile(boost::math::cdf(distribution, -std::abs(t)));
   return std::copysign(std::max(z, -38.0), t);
-}
-
-/// The distribution of a parameter's distance from an edge, linear between the points' distances: the nodes
-/// of a lattice have few of these, and each stands for what lies half way to its neighbours.
-class WayFromEdge {
- public:
-  WayFromEdge(const UpdateResult& update, Index parameter, double edge) {
-    const double bins_per_unit = k_bins / (k_deviations * std::sqrt(update.covariance(parameter, parameter)));
-    std::array<double, k_bins + 1> mass{}, moment{};  // what is farther away is in the last
-    for (Index i = 0; i < update.weights.size(); ++i) {
-      const double distance = std::abs(update.points(i, parameter) - edge);
-      const auto bin = static_cast<std::size_t>(std::min<double>(k_bins, distance * bins_per_unit));
-      mass[bin] += update.weights[i];
-      moment[bin] += update.weights[i] * distance;
-    }
-    double before = 0;
-    for (std::size_t bin = 0; bin <= k_bins; ++bin) {
-      if (!(mass[bin] > 0)) continue;
-      add(moment[bin] / mass[bin], before + 0.5 * mass[bin]);
-      before += mass[bin];
-    }
-    add(distance_.back(), before);
-  }
-  /// Distance within which that share of the mass is.
-  [[nodiscard]] double reach(double share) const { return between(share_, distance_, share); }
-  [[nodiscard]] double share_within(double distance) const { return between(distance_, share_, distance); }
-
- private:
-  void add(double distance, double share) {
-    distance_.push_back(distance);
-    share_.push_back(share);
-  }
-  static double between(const std::vector<double>& x, const std::vector<double>& y, double at) {
-    const std::size_t right = std::upper_bound(x.begin(), x.end() - 1, at) - x.begin();
-    if (right == 0) return y[0];
-    const double width = x[right] - x[right - 1];
-    return width > 0 ? y[right - 1] + (at - x[right - 1]) / width * (y[right] - y[right - 1]) : y[right];
-  }
-  /// Points are counted in bins; the edge is within 2.5 standard deviations of the mean.
-  static constexpr std::size_t k_bins = 512;
-  static constexpr double k_deviations = 8;
-  std::vector<double> distance_ = {0}, share_ = {0};
-};
-
-/// Of the half of the mass next to an edge, the share in the nearer half of the way, at least: 0.56 for a
-/// normal density whose mean is a standard deviation beyond the edge, 0.59 for one that only falls.
-constexpr double k_half_next_to_it = 0.565;
-
-/// How steeply a marginal density falls from an edge: of the four fifths of its mass next to the edge, the
-/// share in the nearer half of the way. A density that only falls, exp(−x): 0.69; a normal one whose mean is
-/// two, one, no standard deviations beyond the edge: 0.67, 0.65, 0.60; a flat one 0.5, one far inside next to
-/// 0. A mode near the edge and another far away would have much too, but not the half of the mass next to the
-/// edge.
-double pressure(const UpdateResult& update, Index a, double edge) {
-  // A standard deviation, or 1.3, is where such a density has its mean.
-  if (std::abs(update.mean[a] - edge) > 2.5 * std::sqrt(update.covariance(a, a))) return 0;
-  const WayFromEdge way(update, a, edge);
-  const auto nearer = [&](double share) { return way.share_within(0.5 * way.reach(share)) / share; };
-  return nearer(0.5) < k_half_next_to_it ? 0 : nearer(0.8);
 }
 
 /// A count with commas between thousands.
@@ -105,14 +47,17 @@ bool has_cause(const Verdict& verdict) {
 Assessor::Assessor(std::shared_ptr<const model::ObservedModel> model, likelihood::NoiseModel noise,
                    const std::vector<posterior::Prior>& priors, model::Sensors sensors,
                    likelihood::RobustOptions robust, model::ObservedErrors errors,
-                   const MonitorOptions& monitor, VerdictOptions options)
+                   const MonitorOptions& monitor, std::vector<model::Axis> axes, VerdictOptions options)
     : model_(std::move(model)),
       priors_(priors),
+      axes_(std::move(axes)),
       robust_(robust),
       errors_(std::move(errors)),
       monitor_(monitor),
       options_(options),
       tests_(model_, std::move(noise), std::move(sensors)) {
+  for (std::size_t a = axes_.size(); a < priors.size(); ++a)
+    axes_.emplace_back().name = a < model_->parameters.size() ? model_->parameters[a] : fmt::format("p{}", a);
   model::FunctionBatch centre;
   centre.resize(1, priors_.dimension(), model_->functions->count(), 0);
   model_->functions->evaluate(likelihood::medians(priors_).transpose(), 0, centre);
@@ -130,6 +75,8 @@ Verdict Assessor::assess(const AssessedPosterior& posterior, std::span<const lik
   if (posterior.latest != nullptr) verdict.latest = misfit_of(*posterior.latest, posterior);
   assess_computation(posterior.update, verdict);
   assess_fit(posterior, data, verdict);
+  if (auto reason = conflict_reason(find_prior_conflict(priors_, posterior.update), priors_, axes_))
+    verdict.add(std::move(*reason));
   assess_range(posterior.update, verdict);
   assess_model(posterior, data, verdict);
   assess_sensors(posterior, verdict);
@@ -168,7 +115,12 @@ ResidualReport Assessor::examine(const AssessedPosterior& posterior,
       const double degrees = robust_.degrees_of_freedom;
       scores = scores.unaryExpr([degrees](double t) { return t == 0 ? 0.0 : normal_score(t, degrees); });
     }
-    return tests_.examine_scores(std::move(scores), parameters);
+    ResidualReport judged = tests_.examine_scores(std::move(scores), parameters);
+    // A Student-t likelihood is for noise that is normal but for some values, too: only against that can
+    // values be too small.
+    if (robust_.degrees_of_freedom > 0)
+      judged.set(ResidualTest::too_small, report.of(ResidualTest::too_small));
+    return judged;
   }
   if (posterior.all_data == nullptr) return report;
   // All data, also those whose residuals are no longer looked at, and errors that steps share eliminated.
@@ -192,6 +144,25 @@ void Assessor::test_constancy(const AssessedPosterior& posterior,
     if (is_new && steps++ == change.after) break;
   }
   if (first < data.size()) report.set(ResidualTest::constancy, change.probability, data[first]->step);
+}
+
+/// Whether a series asks for the parameters that all data ask for.
+void Assessor::test_agreement(const AssessedPosterior& posterior,
+                              std::span<const likelihood::DatumPointer> examined,
+                              ResidualReport& report) const {
+  if (posterior.all_data == nullptr) return;
+  const Eigen::MatrixXd& tangent = posterior.functions.tangent;
+  std::vector<Eigen::MatrixXd> series = tests_.said_by_series(examined, report, tangent);
+  if (series.empty()) return;
+  const double level = posterior.update.noise_level.value_or(1.0);
+  const Eigen::MatrixXd all =
+      said_of_parameters(posterior.all_data->form, posterior.functions.mean - central_, tangent);
+  for (Index s = 0; s < std::ssize(series); ++s) {
+    series[s].rightCols(1) *= std::sqrt(level);  // of scores in the noise's true standard deviations
+    const double probability = std::min(1.0, std::ssize(series) * probability_of_part(series[s], all, level));
+    if (probability < report.of(ResidualTest::agreement))
+      report.set(ResidualTest::agreement, probability, tests_.noise().size() - std::ssize(series) + s);
+  }
 }
 
 std::string Assessor::misfit_in_words(const ResidualReport& report,
@@ -223,6 +194,10 @@ std::string Assessor::misfit_in_words(const ResidualReport& report,
                              ? " (they are correlated from step to step: the model is wrong, or the noise is "
                                "not independent)"
                              : "");
+    case ResidualTest::agreement:
+      return fmt::format(
+          "{} and the other data ask for different parameters: one of them, or the model, is wrong",
+          tests_.name_of(at));
     case ResidualTest::constancy:
       return fmt::format(
           "the data before step {} and those from it on ask for different parameters: the structure changed "
@@ -236,8 +211,8 @@ std::string Assessor::misfit_in_words(const ResidualReport& report,
              "sensor as stated; the intervals are too narrow";
     case ResidualTest::repeated:
       return fmt::format(
-          "step {} repeats the values of the step before to the last digit: it was stored "
-          "twice; withdraw it",
+          "step {} repeats the values of a datum before it to the last digits: it was stored twice; withdraw "
+          "it",
           data[at]->step);
   }
   return {};
@@ -249,6 +224,7 @@ void Assessor::assess_fit(const AssessedPosterior& posterior, std::span<const li
   const auto examined = data.last(std::min(options_.examined, data.size()));
   ResidualReport report = examine(posterior, examined);
   test_constancy(posterior, data, report);
+  test_agreement(posterior, examined, report);
   verdict.fit_probability = report.of(ResidualTest::total);
   if (!report.fails(options_.fit_caution)) return;
   const ResidualTest worst = report.worst(options_.fit_caution);
@@ -283,7 +259,7 @@ void Assessor::assess_range(const UpdateResult& update, Verdict& verdict) const 
     for (Index k = 0; k < update.weights.size(); ++k)
       if (update.points(k, a) < lower + outer || update.points(k, a) > upper - outer)
         verdict.edge_mass[a] += update.weights[k];
-    const double low = pressure(update, a, lower), high = pressure(update, a, upper);
+    const double low = edge_pressure(update, a, lower), high = edge_pressure(update, a, upper);
     const bool at_lower = low > high;
     const double edge = at_lower ? lower : upper, found = std::max(low, high);
     if (found < options_.edge_caution) continue;

@@ -23,7 +23,7 @@ struct VerdictOptions {
   /// Shift by the model's own error, in standard deviations: of errors carried to the posterior, and of fits
   /// to the known solutions, which see more.
   double carried_caution = 0.6, carried_reject = 2, fitted_caution = 1, fitted_reject = 3;
-  /// How steeply a marginal falls from an edge of the box (assessor.cpp, `pressure`): 0.65 for a normal
+  /// How steeply a marginal falls from an edge of the box (`edge_pressure`): 0.65 for a normal
   /// density whose mean is a standard deviation beyond it, 0.69 for one that falls exponentially.
   double edge_caution = 0.672, edge_reject = 0.68;
   double rejected_values = 0.1;  ///< share of a datum's values
@@ -46,11 +46,12 @@ struct AssessedPosterior {
 /// The verdict of one posterior. Cost at 60 dofs: some 50 µs, and milliseconds where the data do not fit.
 class Assessor {
  public:
-  /// `priors`: truncated to the model's box. `errors` may be empty.
+  /// `priors`: truncated to the model's box. `errors` may be empty. `axes`: what 1.0 of a parameter means, or
+  /// empty.
   Assessor(std::shared_ptr<const model::ObservedModel> model, likelihood::NoiseModel noise,
            const std::vector<posterior::Prior>& priors, model::Sensors sensors,
            likelihood::RobustOptions robust, model::ObservedErrors errors, const MonitorOptions& monitor,
-           VerdictOptions options = {});
+           std::vector<model::Axis> axes = {}, VerdictOptions options = {});
 
   /// `data`: all that are still to be explained, in the order of the steps.
   [[nodiscard]] Verdict assess(const AssessedPosterior& posterior,
@@ -67,6 +68,8 @@ class Assessor {
                                        std::span<const likelihood::DatumPointer> data);
   void test_constancy(const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> data,
                       ResidualReport& report) const;
+  void test_agreement(const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> examined,
+                      ResidualReport& report) const;
   [[nodiscard]] std::string misfit_in_words(const ResidualReport& report,
                                             std::span<const likelihood::DatumPointer> data) const;
   void assess_range(const UpdateResult& update, Verdict& verdict) const;
@@ -77,11 +80,12 @@ class Assessor {
   void assess_sensors(const AssessedPosterior& posterior, Verdict& verdict) const;
   [[nodiscard]] Eigen::VectorXd relevance_of_errors(const UpdateResult& update) const;
   [[nodiscard]] Eigen::MatrixXd projected_errors(const likelihood::Datum& datum) const;
-  [[nodiscard]] const std::string& name_of_parameter(Eigen::Index a) const { return model_->parameters[a]; }
+  [[nodiscard]] const std::string& name_of_parameter(Eigen::Index a) const { return axes_[a].name; }
 
   std::shared_ptr<const model::ObservedModel> model_;
   posterior::PriorTransform priors_;
-  Eigen::VectorXd central_;  ///< w₀ of forms
+  std::vector<model::Axis> axes_;  ///< d
+  Eigen::VectorXd central_;        ///< w₀ of forms
   likelihood::RobustOptions robust_;
   model::ObservedErrors errors_;
   MonitorOptions monitor_;

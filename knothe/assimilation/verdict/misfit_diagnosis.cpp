@@ -4,9 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
-#include "knothe/assimilation/verdict/what_if_fit.hpp"
+#include "knothe/assimilation/verdict/what_if_causes.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
 
 namespace knothe::assimilation {
@@ -14,9 +13,10 @@ namespace {
 
 using Eigen::Index;
 
-constexpr std::size_t k_looked_at = 32;   // data, evenly chosen
-constexpr Index k_starts = 14;            // of a fit, beside the posterior's mean
-constexpr Index k_matched_sensors = 300;  // whose order is looked for: the cost grows with their square
+constexpr std::size_t k_looked_at = 32;     // data, evenly chosen
+constexpr Index k_starts = 14;              // of a fit, beside the posterior's mean
+constexpr Index k_min_equal = 4;            // values that are the largest, to the last digit
+constexpr Index k_after_a_disturbance = 3;  // data that must fit again
 
 /// Evenly chosen, the first and the last among them.
 std::vector<likelihood::DatumPointer> some_of(std::span<const likelihood::DatumPointer> data) {
@@ -37,14 +37,6 @@ Eigen::MatrixXd starts_of(const posterior::PriorTransform& priors, const Eigen::
   return starts;
 }
 
-/// An assumption that was tried.
-struct Tried {
-  MisfitCause cause;
-  double misfit;
-  std::string message;
-  bool is_exact = false;  ///< of a factor: a sign or a unit
-};
-
 class Diagnostician {
  public:
   Diagnostician(const model::ObservedModel& model, const ResidualTests& tests,
@@ -54,33 +46,27 @@ class Diagnostician {
         data_(data),
         few_(some_of(data)),
         fits_(model, tests, few_, starts_of(priors, p)),
-        model_(model),
+        all_(model, tests, data, fits_.starts()),
+        causes_(tests, few_, fits_, data, all_, limit),
         limit_(limit),
         parameters_(p.size()) {}
 
   [[nodiscard]] Diagnosis diagnose(const ResidualReport& report) {
-    const WhatIfAnswer plain = fits_.fit({});
-    base_ = plain.misfit;
     auto noise = other_noise_level(report.scores);
-    if (!noise) noise = other_noise_level(plain.scores);
+    if (!noise) noise = other_noise_level(causes_.plain().scores);
     if (noise && noise->factor < 1) return *noise;
-    if (!noise)
-      if (auto found = few_sensors()) return *found;
-    try_factors();
-    try_shift();
-    try_swapped_components();
-    if (!noise) try_sensor_order(plain);
-    // The first that explains the data where the model alone does not, or else what takes most away. More
-    // noise would explain whatever else is small: it comes last.
-    auto best = tried_.end();
-    if (!explains(base_))
-      best = std::find_if(tried_.begin(), tried_.end(), [&](const Tried& t) { return explains(t.misfit); });
-    if (noise && best == tried_.end()) return *noise;
-    if (best == tried_.end())
-      best = std::min_element(tried_.begin(), tried_.end(),
-                              [](const Tried& a, const Tried& b) { return a.misfit < b.misfit; });
-    if (best != tried_.end() && ((explains(best->misfit) && !explains(base_)) || best->misfit < 0.2 * base_))
-      return {best->cause, best->message, 1};
+    if (auto found = saturation()) return *found;
+    if (!noise) {
+      WhatIf assumption;
+      assumption.robust = true;
+      const Eigen::MatrixXd z = all_.fit(assumption).scores;
+      if (auto found = few_sensors(z)) return *found;
+      if (auto found = few_steps(z)) return *found;
+    }
+    // More noise would explain whatever else is small: it comes last.
+    const auto found = causes_.find(!noise);
+    if (noise && !(found && found->explains && !causes_.fits_plainly())) return *noise;
+    if (found) return {found->cause, found->message, 1};
     return {MisfitCause::unknown,
             "no common data error explains it: check the model's supports, load, stiffness and law "
             "against the specimen, or let bias_correction = \"auto\" allow for it",
@@ -88,9 +74,9 @@ class Diagnostician {
   }
 
  private:
-  [[nodiscard]] bool explains(double misfit) const {
-    const double n = fits_.present();
-    return misfit < n * (1 + 5 * std::sqrt(2 / n));
+  [[nodiscard]] bool fits(const WhatIfFits& some) const {
+    const double n = some.present();
+    return n > 2.0 * parameters_ + 8 && some.fit({}).misfit < n * (1 + 5 * std::sqrt(2 / n));
   }
 
   /// White residuals, but larger or smaller than stated.
@@ -109,10 +95,35 @@ class Diagnostician {
         factor};
   }
 
+  /// Many values of a group are its largest, to the last digit: the range of the sensors ends there.
+  [[nodiscard]] std::optional<Diagnosis> saturation() const {
+    const auto groups = std::max<Index>(1, std::ssize(tests_.group_names()));
+    Eigen::MatrixXd values = all_.values();
+    double end = 0;
+    Index equal = 0;
+    for (Index g = 0; g < groups; ++g) {
+      double largest = 0;
+      const auto each = [&](auto&& use) {
+        for (Index i = 0; i < values.rows(); ++i)
+          for (Index k = 0; tests_.groups()[i] == g && k < values.cols(); ++k) use(values(i, k));
+      };
+      each([&](double v) { largest = std::max(largest, std::abs(v)); });
+      Index here = 0;
+      each([&](double v) { here += std::abs(v) == largest ? 1 : 0; });
+      if (largest == 0 || here < k_min_equal) continue;
+      each([&](double& v) { v = std::abs(v) == largest ? std::nan("") : v; });
+      equal += here, end = largest;
+    }
+    if (equal == 0 || !fits(all_.with(values))) return {};
+    return Diagnosis{MisfitCause::saturation,
+                     fmt::format("{} values are {:.6g} to the last digit, all others fit: the range of the "
+                                 "sensors ends there; give these as missing",
+                                 equal, end),
+                     1};
+  }
+
   /// All is well without a few of the sensors, or of the values.
-  [[nodiscard]] std::optional<Diagnosis> few_sensors() const {
-    WhatIfFits all(model_, tests_, data_, fits_.starts());
-    Eigen::MatrixXd z = all.fit({.order = {}, .scaled = {}, .shifted = false, .robust = true}).scores;
+  [[nodiscard]] std::optional<Diagnosis> few_sensors(Eigen::MatrixXd z) const {
     std::vector<Index> sensors;
     Index values = 0, at = 0;
     const Index n = z.rows(), m = z.cols();
@@ -148,8 +159,8 @@ class Diagnostician {
           1};
     }
     if (sensors.size() == 1)
-      if (const auto scaled = factor_of_sensor(sensors[0]);
-          scaled && scaled->is_exact && explains(scaled->misfit))
+      if (const auto scaled = causes_.factor_of_sensor(sensors[0]);
+          scaled && scaled->is_exact && scaled->explains)
         return Diagnosis{scaled->cause, scaled->message, 1};
     if (sensors.size() == 1 && tests_.is_scalar(sensors[0]) && tests_.sensors().displacement_count() > 0)
       return Diagnosis{
@@ -176,142 +187,33 @@ class Diagnostician {
                      1};
   }
 
-  [[nodiscard]] std::optional<Tried> factor_of_sensor(Index sensor) const {
-    const bool is_scalar = tests_.is_scalar(sensor);
-    const std::string name = tests_.name_of(sensor);
-    return factor_of(Eigen::VectorXd::Unit(tests_.noise().size(), sensor), "values of " + name,
-                     is_scalar ? name : "its axis", !is_scalar);
-  }
-
-  [[nodiscard]] std::optional<Tried> factor_of(const Eigen::VectorXd& rows, const std::string& what,
-                                               const std::string& axis, bool is_displacement) const {
-    const WhatIfAnswer answer = fits_.fit({.order = {}, .scaled = rows, .shifted = false, .robust = false});
-    const double f = answer.factor;
-    if (std::abs(f - 1) < 1e-3) return {};
-    if (std::abs(f + 1) < 0.1)
-      return Tried{MisfitCause::sign, answer.misfit,
-                   fmt::format("{} look like the model's times −1: check the sign of {}", what, axis), true};
-    const double power = std::round(std::log10(std::abs(f)));
-    const bool is_unit = power != 0 && std::abs(std::log10(std::abs(f)) - power) < 0.05;
-    return Tried{MisfitCause::scale, answer.misfit,
-                 is_unit
-                     ? fmt::format("{} look like the model's times {}: check their unit{}", what,
-                                   f < 0 ? fmt::format("−10^{:.0f}", power) : fmt::format("10^{:.0f}", power),
-                                   is_displacement ? " (m is expected)" : "")
-                     : fmt::format("{} look like the model's times {:.4g}: check unit, scale and calibration",
-                                   what, f),
-                 is_unit};
-  }
-
-  void try_factor(const Eigen::VectorXd& rows, const std::string& what, const std::string& axis,
-                  bool is_displacement) {
-    if (auto tried = factor_of(rows, what, axis, is_displacement)) tried_.push_back(std::move(*tried));
-  }
-
-  void try_factors() {
-    const model::Sensors& sensors = tests_.sensors();
-    const Index n = tests_.noise().size();
-    const auto displacements = sensors.size() == 0 ? n : static_cast<Index>(sensors.displacement_count());
-    if (displacements > 0) {
-      Eigen::VectorXd rows = Eigen::VectorXd::Zero(n);
-      rows.head(displacements).setOnes();
-      try_factor(rows, displacements == n ? "the data" : "the displacements", "the axes", true);
+  /// All is well without some steps in succession, and after them again.
+  [[nodiscard]] std::optional<Diagnosis> few_steps(const Eigen::MatrixXd& z) const {
+    const Index m = z.cols();
+    Index first = m, last = -1;
+    for (Index k = 0; k < m; ++k) {
+      const double present = (z.col(k).array() != 0).count();
+      if (z.col(k).squaredNorm() < present + 6 * std::sqrt(2 * present)) continue;
+      first = std::min(first, k), last = k;
     }
-    const auto& names = tests_.group_names();
-    if (names.size() < 2) return;
-    for (Index g = 0; g < std::ssize(names); ++g) {
-      Eigen::VectorXd rows = Eigen::VectorXd::Zero(n);
-      for (Index i = 0; i < n; ++i) rows[i] = tests_.groups()[i] == g ? 1 : 0;
-      const bool is_component = names[g].size() == 1;
-      try_factor(rows, is_component ? "displacements along " + names[g] : "values of \"" + names[g] + "\"",
-                 is_component ? "the " + names[g] + " axis" : "\"" + names[g] + "\"", is_component);
-      // Series of one unit, a force beside them.
-      if (names.size() > 2)
-        try_factor(Eigen::VectorXd::Ones(n) - rows, "all values but those of \"" + names[g] + "\"",
-                   "all but \"" + names[g] + "\"", false);
-    }
-  }
-
-  void try_shift() {
-    const WhatIfAnswer answer = fits_.fit({.order = {}, .scaled = {}, .shifted = true, .robust = false});
-    const double steps = answer.shift;
-    if (std::abs(steps) < 0.05) return;
-    tried_.push_back({MisfitCause::time_shift, answer.misfit,
-                      fmt::format("the data match the model {:.2g} steps {}: check the clock, and where "
-                                  "the test begins",
-                                  std::abs(steps), steps > 0 ? "later" : "earlier")});
-  }
-
-  /// The other component at the same point.
-  void try_swapped_components() {
-    const model::Sensors& sensors = tests_.sensors();
-    const std::size_t n = sensors.displacement_count();
-    for (int a = 0; a < 3; ++a) {
-      for (int b = a + 1; b < 3; ++b) {
-        std::vector<Index> order(sensors.size());
-        bool swapped = false;
-        for (std::size_t i = 0; i < sensors.size(); ++i) {
-          order[i] = i;
-          if (i >= n || (sensors.components[i] != a && sensors.components[i] != b)) continue;
-          for (std::size_t j = 0; j < n; ++j) {
-            if (sensors.components[j] != a + b - sensors.components[i]) continue;
-            const auto x = sensors.point(i), y = sensors.point(j);
-            if (std::equal(x.begin(), x.end(), y.begin())) order[i] = j, swapped = true;
-          }
-        }
-        if (!swapped) continue;
-        const WhatIfAnswer answer =
-            fits_.fit({.order = order, .scaled = {}, .shifted = false, .robust = false});
-        tried_.push_back({MisfitCause::component, answer.misfit,
-                          fmt::format("the components {} and {} look swapped: check the columns of the data",
-                                      "xyz"[a], "xyz"[b])});
-      }
-    }
-  }
-
-  /// Each sensor compared with what the model says of every other one.
-  void try_sensor_order(const WhatIfAnswer& plain) {
-    const Index n = tests_.noise().size();
-    if (n > k_matched_sensors || n < 3 || few_.size() < 2) return;
-    const Eigen::MatrixXd& values = fits_.values();
-    double best_cost = std::numeric_limits<double>::infinity();
-    std::vector<Index> best;
-    for (Index s = 0; s <= fits_.starts().rows(); ++s) {
-      const Eigen::VectorXd p = s == 0 ? plain.p : Eigen::VectorXd(fits_.starts().row(s - 1).transpose());
-      const Eigen::MatrixXd y = fits_.predicted(p);
-      std::vector<Index> order(n);
-      double cost = 0;
-      for (Index i = 0; i < n; ++i) {
-        const auto there = values.row(i).array() == values.row(i).array();
-        double least = std::numeric_limits<double>::infinity();
-        for (Index j = 0; j < n; ++j) {
-          const double square = there.select((values.row(i) - y.row(j)).array().square(), 0.0).sum();
-          if (square < least) least = square, order[i] = j;
-        }
-        cost += least * tests_.inverse_std()[i] * tests_.inverse_std()[i];
-      }
-      if (cost < best_cost) best_cost = cost, best = order;
-    }
-    Index moved = 0;
-    for (Index i = 0; i < n; ++i) moved += best[i] != i ? 1 : 0;
-    if (moved < 2) return;
-    const WhatIfAnswer answer = fits_.fit({.order = best, .scaled = {}, .shifted = false, .robust = false});
-    tried_.push_back(
-        {MisfitCause::sensor_order, answer.misfit,
-         fmt::format("{} of {} sensors fit better at another sensor's position: check the order of the "
-                     "columns, and the places of the sensors",
-                     moved, n)});
+    if (last < 0 || last - first + 1 > m / 3 || first < 1 || m - 1 - last < k_after_a_disturbance) return {};
+    Eigen::MatrixXd values = all_.values();
+    values.middleCols(first, last - first + 1).setConstant(std::nan(""));
+    if (!fits(all_.with(values))) return {};
+    return Diagnosis{MisfitCause::few_steps,
+                     fmt::format("the data of steps {} to {} do not fit, those before and after do: an "
+                                 "unloading, or a disturbance; withdraw them",
+                                 data_[first]->step, data_[last]->step),
+                     1};
   }
 
   const ResidualTests& tests_;
   std::span<const likelihood::DatumPointer> data_;
   std::vector<likelihood::DatumPointer> few_;
-  WhatIfFits fits_;
-  const model::ObservedModel& model_;
+  WhatIfFits fits_, all_;
+  WhatIfCauses causes_;
   double limit_;
   Index parameters_;
-  double base_ = 0;
-  std::vector<Tried> tried_;
 };
 
 }  // namespace

@@ -19,10 +19,9 @@ struct Diagnosis {
 };
 
 /// Of data whose residuals fail `report` (made at the posterior mean `p`, d). Tried are, in this order:
-/// single sensors or values, a factor (of all displacements, of a component or a series, of all but one), a
-/// shift in time, swapped components, the order of the sensors. Named is the one that explains the data, or
-/// else a level of the noise if the residuals are white, or else what takes most of the misfit away. Some ten
-/// least-squares fits: milliseconds.
+/// values at the end of the sensors' range, single sensors or values, steps in succession, and those of
+/// `WhatIfCauses`. Named is the one that explains the data, or else a level of the noise if the residuals are
+/// white, or else what takes nearly all of the misfit away. Some fifteen least-squares fits: milliseconds.
 [[nodiscard]] Diagnosis diagnose(const model::ObservedModel& model, const ResidualTests& tests,
                                  const posterior::PriorTransform& priors,
                                  std::span<const likelihood::DatumPointer> data, const Eigen::VectorXd& p,

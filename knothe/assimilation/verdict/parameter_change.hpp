@@ -1,5 +1,5 @@
 #pragma once
-/// @file Are the parameters that the data ask for the same before and after a time?
+/// @file Are the parameters that the data ask for the same before and after a time, and in all of its parts?
 #include <Eigen/Core>
 #include <cstddef>
 
@@ -28,6 +28,15 @@ struct ParameterChange {
 [[nodiscard]] ParameterChange find_parameter_change(const likelihood::FormBlocks& blocks,
                                                     const Eigen::VectorXd& w, const Eigen::MatrixXd& tangent,
                                                     double level);
+
+/// What the data of a form say of the parameters at `w`, in the directions of `tangent`: their information,
+/// and in the last column their score; d × (d + 1).
+[[nodiscard]] Eigen::MatrixXd said_of_parameters(const likelihood::StepForm& form, const Eigen::VectorXd& w,
+                                                 const Eigen::MatrixXd& tangent);
+/// The same test of a part of the data that is no time: a series, say. The probability that chance makes it
+/// ask for parameters so different from what `all` (with that part) ask for.
+[[nodiscard]] double probability_of_part(const Eigen::MatrixXd& part, const Eigen::MatrixXd& all,
+                                         double level);
 
 inline constexpr std::size_t k_min_blocks = likelihood::FormBlocks::k_max_blocks / 2;
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <algorithm>
 #include <random>
 
@@ -129,6 +130,40 @@ TEST(ParameterChange, IsAsRareAsItSaysWhereThereIsNone) {
     if (LinearTest(32, 32, VectorXd::Zero(2), 100 + k).found().probability < 0.05) ++below;
   EXPECT_LE(below, 0.05 * k_runs + 3 * std::sqrt(0.05 * k_runs));
   EXPECT_GE(below, 0.005 * k_runs);  // not so careful that it never speaks
+}
+
+/// Of one of the ten values as a series of its own: the estimate without it against the one from it alone.
+TEST(PartOfTheData, IsTheDifferenceOfTheEstimatesAndAsRareAsItSays) {
+  int below = 0;
+  constexpr int k_runs = 1000;
+  for (unsigned run = 0; run < k_runs; ++run) {
+    const LinearTest test(32, 32, VectorXd::Zero(2), 100 + run);
+    const auto [a, b] = test.equations(0, 32);
+    MatrixXd c = MatrixXd::Zero(2, 2);
+    VectorXd d = VectorXd::Zero(2);
+    likelihood::StepForm all = likelihood::StepForm::zero(k_functions), part = all;
+    for (std::size_t t = 0; t < 32; ++t) {
+      const MatrixXd row = test.maps[t].row(3);
+      c += LinearTest::slope().transpose() * row.transpose() * row * LinearTest::slope();
+      d += LinearTest::slope().transpose() * row.transpose() * test.values[t][3];
+      part.quadratic += row.transpose() * row;
+      part.linear += row.transpose() * test.values[t][3];
+      all.quadratic += test.maps[t].transpose() * test.maps[t];
+      all.linear += test.maps[t].transpose() * test.values[t];
+    }
+    const Eigen::LLT<MatrixXd> factor(a);
+    const VectorXd w = LinearTest::slope() * factor.solve(b);
+    const MatrixXd tangent = LinearTest::slope() * MatrixXd(factor.matrixU().solve(MatrixXd::Identity(2, 2)));
+    const double found =
+        probability_of_part(said_of_parameters(part, w, tangent), said_of_parameters(all, w, tangent), 1);
+    const VectorXd difference = c.llt().solve(d) - (a - c).llt().solve(b - d);
+    const MatrixXd covariance = c.inverse() + (a - c).inverse();
+    const double exact = numerics::chi_squared_upper(difference.dot(covariance.llt().solve(difference)), 2);
+    EXPECT_GE(found, exact);
+    EXPECT_LE(found, 1.2 * exact + 0.02);
+    below += found < 0.05 ? 1 : 0;
+  }
+  EXPECT_NEAR(below, 0.05 * k_runs, 3.5 * std::sqrt(0.05 * k_runs));
 }
 
 TEST(ParameterChange, NeedsAFewBlocks) {

@@ -19,6 +19,7 @@ using Eigen::Index;
 constexpr Index k_modes = 12;               // of the model's space modes, those the sensors see best
 constexpr Index k_parts = 8;                // of the data, in time
 constexpr double k_min_products = 50;       // whose sum is taken for normal
+constexpr double k_equal = 1e-6;            // standard deviations: so near are no two measurements
 constexpr Index k_sought_neighbours = 512;  // sensors: looking for neighbours costs their square
 
 /// The largest of `count` statistics of χ² distribution, and the probability that chance makes the largest so
@@ -119,6 +120,10 @@ ResidualTests::ResidualTests(std::shared_ptr<const model::ObservedModel> model, 
       group_names_.push_back(sensors_.scalars[k]);
     }
     neighbours_ = nearest_of_same_component(sensors_);
+    const auto scalars = std::ssize(sensors_.scalars);
+    if (scalars > 0 && n > 1)
+      for (const Eigen::MatrixXd& core : model_->core)
+        series_rows_.emplace_back(model_->space.bottomRows(scalars) * core);
   } else {
     sensors_ = {};
   }
@@ -204,9 +209,7 @@ ResidualReport ResidualTests::examine(std::span<const likelihood::DatumPointer> 
     report.misfit += misfit;
     report.values += present;
     if (present > 0) steps.see(misfit, present, k);
-    if (k > 0 && present > parameters && datum.values.size() > 1 &&
-        (datum.values - data[k - 1]->values).isZero(0))
-      report.set(ResidualTest::repeated, 0, k);
+    if (present > parameters && repeats(data, k)) report.set(ResidualTest::repeated, 0, k);
   }
   const double values = report.values;
   if (report.values == 0) return report;
@@ -229,6 +232,25 @@ ResidualReport ResidualTests::examine(std::span<const likelihood::DatumPointer> 
   if (noise_.measurement().is_independent()) test_independent(report, parameters);
   if (all_in_modes) test_modes(residuals, report);
   return report;
+}
+
+/// Whether a datum has the values of the one before it, or of one of the same model time: to less than noise
+/// would ever leave between two, for a file may have been written twice with other last digits.
+bool ResidualTests::repeats(std::span<const likelihood::DatumPointer> data, Index k) const {
+  const likelihood::Datum& datum = *data[k];
+  for (Index j = k - 1; j >= 0; --j) {
+    const likelihood::Datum& before = *data[j];
+    if (j < k - 1 && before.time_index != datum.time_index) return false;
+    Index equal = 0;
+    bool all = true;
+    for (Index i = 0; all && i < datum.values.size(); ++i) {
+      if (std::isnan(datum.values[i]) && std::isnan(before.values[i])) continue;
+      all = std::abs(datum.values[i] - before.values[i]) * inverse_std_[i] <= k_equal;
+      equal += inverse_std_[i] > 0;
+    }
+    if (all && equal > 1) return true;
+  }
+  return false;
 }
 
 /// R⁻¹ of the values that are there, applied to their residual; 0 for the others. Masks tend to stay.
@@ -287,6 +309,28 @@ void ResidualTests::test_extremes(ResidualReport& report) const {
   if (likelihood::links_steps(noise_)) return;
   const double mean = sums.cwiseAbs().maxCoeff(&at) / std::sqrt(z.cols());
   report.set(ResidualTest::sensor_mean, of_many(mean, z.rows()), at);
+}
+
+std::vector<Eigen::MatrixXd> ResidualTests::said_by_series(std::span<const likelihood::DatumPointer> data,
+                                                           const ResidualReport& report,
+                                                           const Eigen::MatrixXd& tangent) const {
+  if (series_rows_.empty() || !noise_.measurement().is_independent() || noise_.has_step_errors() ||
+      likelihood::links_steps(noise_))
+    return {};
+  const Index d = tangent.cols(), count = std::ssize(sensors_.scalars), first = report.scores.rows() - count;
+  std::vector<Eigen::MatrixXd> said(count, Eigen::MatrixXd::Zero(d, d + 1));
+  for (Index k = 0; k < std::ssize(data); ++k) {
+    if (data[k]->noise || likelihood::has_own_noise(noise_, data[k]->step)) continue;
+    const Eigen::MatrixXd slope = series_rows_[data[k]->time_index].lazyProduct(tangent);  // s × d
+    for (Index s = 0; s < count; ++s) {
+      const double z = report.scores(first + s, k);
+      if (z == 0) continue;  // missing
+      const Eigen::VectorXd row = inverse_std_[first + s] * slope.row(s);
+      said[s].leftCols(d) += row * row.transpose();
+      said[s].col(d) += z * row;
+    }
+  }
+  return said;
 }
 
 /// What takes independent noise.

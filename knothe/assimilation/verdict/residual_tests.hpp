@@ -31,10 +31,11 @@ enum class ResidualTest {
   modes_slow,        ///< its means over successive eighths of the data
   time_neighbours,   ///< correlation of residuals that follow each other
   space_neighbours,  ///< correlation of residuals of the same component next to each other
+  agreement,         ///< the parameters that a scalar series asks for and those that all data do
   constancy,         ///< the parameters before a time and after it (parameter_change.hpp)
-  repeated           ///< a datum that is, to the last digit, the one before
+  repeated           ///< a datum that is, to its last digits, the one before or one of the same time
 };
-inline constexpr std::size_t k_residual_tests = 14;
+inline constexpr std::size_t k_residual_tests = 15;
 
 /// Tests whose failure alone says that the noise is not what was stated, not that the model is wrong.
 [[nodiscard]] constexpr bool is_about_noise(ResidualTest test) {
@@ -78,6 +79,12 @@ class ResidualTests {
   /// The same for scores that are known (those of a report, changed; 0: missing), independent noise.
   [[nodiscard]] ResidualReport examine_scores(Eigen::MatrixXd scores, Eigen::Index parameters) const;
 
+  /// What each scalar series says of the parameters (`said_of_parameters`) by its scores in a report; none
+  /// where their noise is not independent or there is nothing beside the one series.
+  [[nodiscard]] std::vector<Eigen::MatrixXd> said_by_series(std::span<const likelihood::DatumPointer> data,
+                                                            const ResidualReport& report,
+                                                            const Eigen::MatrixXd& tangent) const;
+
   [[nodiscard]] const likelihood::NoiseModel& noise() const { return noise_; }
   [[nodiscard]] const model::Sensors& sensors() const { return sensors_; }
   /// 1/standard deviation of each sensor given the others, n; 0 where it is not measured.
@@ -92,6 +99,7 @@ class ResidualTests {
   [[nodiscard]] const std::vector<Eigen::Index>& groups() const { return groups_; }  ///< n: of each sensor
 
  private:
+  [[nodiscard]] bool repeats(std::span<const likelihood::DatumPointer> data, Eigen::Index k) const;
   [[nodiscard]] Eigen::VectorXd weighted_present(const Eigen::VectorXd& values,
                                                  const Eigen::VectorXd& residual);
   void test_independent(ResidualReport& report, Eigen::Index parameters) const;
@@ -109,6 +117,7 @@ class ResidualTests {
   std::vector<std::string> group_names_;
   std::vector<std::array<Eigen::Index, 2>> neighbours_;
   std::vector<Eigen::MatrixXd> rows_;  ///< (OU) C_t, n × r, where that costs less than its two factors
+  std::vector<Eigen::MatrixXd> series_rows_;  ///< the same of the scalar series alone, s × r
   Eigen::MatrixXd modal_;  ///< k × n: residual of a complete datum → its part in the modes, N(0, I)
 };
 

@@ -21,12 +21,13 @@ constexpr auto names_of(VerdictLevel /*level*/) {
 }
 
 /// Which part of the verdict a reason belongs to.
-enum class VerdictPart { computation, fit, range, model, bias, outlier };
+enum class VerdictPart { computation, fit, prior, range, model, bias, outlier };
 
 constexpr auto names_of(VerdictPart /*part*/) {
   using Part = VerdictPart;
   return std::to_array<Named<Part>>({{Part::computation, "computation"},
                                      {Part::fit, "fit"},
+                                     {Part::prior, "prior"},
                                      {Part::range, "range"},
                                      {Part::model, "model"},
                                      {Part::bias, "bias"},
@@ -38,9 +39,14 @@ enum class MisfitCause {
   sign,
   scale,
   time_shift,
+  lost_frame,
+  time_base,
   component,
   sensor_order,
   single_sensor,
+  few_steps,
+  saturation,
+  offset,
   noise_level,
   unknown
 };
@@ -50,9 +56,14 @@ constexpr auto names_of(MisfitCause /*cause*/) {
   return std::to_array<Named<Cause>>({{Cause::sign, "sign"},
                                       {Cause::scale, "scale"},
                                       {Cause::time_shift, "time_shift"},
+                                      {Cause::lost_frame, "lost_frame"},
+                                      {Cause::time_base, "time_base"},
                                       {Cause::component, "component"},
                                       {Cause::sensor_order, "sensor_order"},
                                       {Cause::single_sensor, "single_sensor"},
+                                      {Cause::few_steps, "few_steps"},
+                                      {Cause::saturation, "saturation"},
+                                      {Cause::offset, "offset"},
                                       {Cause::noise_level, "noise_level"},
                                       {Cause::unknown, "unknown"}});
 }

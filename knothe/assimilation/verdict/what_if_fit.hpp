@@ -1,5 +1,5 @@
 #pragma once
-/// @file Least squares of the model to data under an assumption on what is wrong with them.
+/// @file Least-squares fits of data under an assumption of what is wrong with them.
 #include <Eigen/Core>
 #include <optional>
 #include <span>
@@ -9,19 +9,24 @@
 
 namespace knothe::assimilation {
 
-/// What is assumed of data d: d_i(t) = f_i y_{o(i)}(p, t + δ) + noise.
+/// What is assumed of n sensors' data d at m times: d_i(t_k) = f_i y_{o(i)}(p, t_k + δ_k) + c_i + noise.
 struct WhatIf {
   std::vector<Eigen::Index> order;  ///< o, n; empty: the sensors' own
   Eigen::VectorXd scaled;  ///< n: 1 where the free factor f applies, 0 where f_i = 1; empty: no factor
-  bool shifted = false;    ///< δ is free, in steps of the model's time
-  bool robust = false;     ///< Cauchy weights: values far off hardly count
+  Eigen::MatrixXd delays;  ///< m × q: δ = delays · s with free s, in steps of the model's time; empty: none
+  bool own_factors = false;  ///< each sensor has a free factor
+  bool offsets = false;      ///< each sensor has a free constant
+  bool robust = false;       ///< Cauchy weights: values far off hardly count
 };
 
 struct WhatIfAnswer {
-  Eigen::VectorXd p;             ///< d
-  double factor = 1, shift = 0;  ///< f and δ
-  double misfit = 0;             ///< Σ squares of the scores (robust: Cauchy's)
-  Eigen::MatrixXd scores;        ///< n × m; 0 where missing
+  Eigen::VectorXd p;         ///< d
+  double factor = 1;         ///< f
+  Eigen::VectorXd shifts;    ///< s, q
+  double misfit = 0;         ///< Σ squares of the scores (robust: Cauchy's)
+  Eigen::MatrixXd scores;    ///< n × m; 0 where missing
+  Eigen::VectorXd factors;   ///< n, where each sensor has its own
+  Eigen::VectorXd response;  ///< n: Σ_t (y_i / σ_i)², what the factors were found from
 };
 
 /// Fits of one set of data.
@@ -31,24 +36,37 @@ class WhatIfFits {
   WhatIfFits(const model::ObservedModel& model, const ResidualTests& tests,
              std::span<const likelihood::DatumPointer> data, Eigen::MatrixXd starts);
 
+  /// From the best of the starts, or from `p` and `shifts`.
   [[nodiscard]] WhatIfAnswer fit(const WhatIf& assumption) const;
+  [[nodiscard]] WhatIfAnswer fit_from(const WhatIf& assumption, const Eigen::VectorXd& p,
+                                      const Eigen::VectorXd& shifts) const;
+  /// The misfit there, nothing fitted but what is linear.
+  [[nodiscard]] double misfit_at(const WhatIf& assumption, const Eigen::VectorXd& p,
+                                 const Eigen::VectorXd& shifts) const;
   /// y at p, n × m.
   [[nodiscard]] Eigen::MatrixXd predicted(const Eigen::VectorXd& p) const;
+  /// The same of other values (n × m; NaN: missing).
+  [[nodiscard]] WhatIfFits with(const Eigen::MatrixXd& values) const;
   [[nodiscard]] const Eigen::MatrixXd& values() const { return values_; }  ///< n × m; NaN where missing
   [[nodiscard]] const Eigen::MatrixXd& starts() const { return starts_; }
   [[nodiscard]] Eigen::Index present() const { return present_; }
 
  private:
   struct Point;
-  [[nodiscard]] Eigen::MatrixXd at_shifted(const Eigen::VectorXd& w, double shift, bool with_lift,
-                                           Eigen::MatrixXd* slope) const;
+  [[nodiscard]] Eigen::MatrixXd at_shifted(const Eigen::VectorXd& w, const Eigen::VectorXd& shift,
+                                           bool with_lift, Eigen::MatrixXd* slope) const;
   void evaluate(const WhatIf& assumption, Point& point, bool derivatives) const;
+  void eliminate(const WhatIf& assumption, const Eigen::MatrixXd& y, Point& point) const;
   void set_best_factor(const WhatIf& assumption, Point& point) const;
+  void descend(const WhatIf& assumption, Point& point) const;
+  void set_values(Eigen::MatrixXd values);
 
-  const model::ObservedModel& model_;
-  const ResidualTests& tests_;
+  const model::ObservedModel* model_;
+  const ResidualTests* tests_;
   std::vector<std::size_t> time_indices_;
   Eigen::MatrixXd values_, starts_;
+  Eigen::MatrixXd there_;   ///< n × m: 1/σ where there is a value, else 0
+  Eigen::MatrixXd scaled_;  ///< n × m: values over σ, else 0
   Eigen::Index present_ = 0;
 };
 

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 
@@ -12,6 +13,7 @@
 #include "knothe/files/hdf5.hpp"
 #include "knothe/files/units.hpp"
 #include "knothe/likelihood/data/measurements_csv.hpp"
+#include "knothe/likelihood/data/time_matching.hpp"
 
 namespace knothe::likelihood {
 namespace {
@@ -178,6 +180,15 @@ void check_times(const std::vector<double>& time, const std::string& path) {
                                   path, i, time[i], i - 1, time[i - 1]));
     }
   }
+  const std::vector<double> distinct = distinct_times(time);
+  if (distinct.size() == time.size()) return;
+  std::size_t first = 0;
+  while (first < distinct.size() && distinct[first] == time[first]) ++first;
+  const std::size_t second = std::max<std::size_t>(1, first);
+  throw DataError(
+      fmt::format("{}: time[{}] = {} and time[{}] = {} differ by rounding only: a datum is there "
+                  "twice, leave one of them out",
+                  path, second - 1, time[second - 1], second, time[second]));
 }
 
 /// What is not of the displacements.

@@ -1,5 +1,6 @@
 #include "knothe/likelihood/data/measurements.hpp"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -151,6 +152,37 @@ TEST(Measurements, TheUnitOfTheNoiseIsSaidWhereThatOfTheValuesIsNotMetres) {
               (void)read("");
             }).find("d.h5: values is in mm, and noise/std has no attribute units: say which it is in"),
             std::string::npos);
+}
+
+/// A file that was put together from two copies, one of which went through another program.
+TEST(Measurements, TimesThatDifferByRoundingAreRefusedAsOneDatum) {
+  const files::TestFolder folder;
+  for (const std::string& name : {std::string("d.h5"), std::string("d.csv")}) {
+    for (const std::size_t twice : {0u, 2u, 4u}) {
+      Measurements m;
+      m.time = {0.1, 0.2, 0.3, 0.4, 0.5};
+      m.time.insert(m.time.begin() + static_cast<std::ptrdiff_t>(twice) + 1,
+                    std::nextafter(m.time[twice], 1.0));
+      m.values.resize(0, 6);
+      m.noise = NoiseModel::independent(Eigen::VectorXd());
+      m.series["drift"] = {{0, 1, 2, 3, 4, 5}, 0.01, {}};
+      if (name == "d.h5") {
+        write_measurements(folder.file(name), m, "", 1);
+      } else {
+        std::ofstream table(folder.file(name));
+        table.precision(17);
+        table << "time,drift\n";
+        for (const double time : m.time) table << time << ",1\n";
+      }
+      const std::string message = message_of<DataError>([&] { (void)read_measurements(folder.file(name)); });
+      EXPECT_NE(
+          message.find(fmt::format("time[{}] = {} and time[{}] = {} differ by rounding only: a datum is "
+                                   "there twice",
+                                   twice, m.time[twice], twice + 1, m.time[twice + 1])),
+          std::string::npos)
+          << message;
+    }
+  }
 }
 
 TEST(Measurements, BadNoiseIsNamed) {

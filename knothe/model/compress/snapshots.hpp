@@ -22,6 +22,10 @@ struct Axis {
   double reference = 1.0;  ///< physical value of the dimensionless 1.0, in SI units
 };
 
+/// The unit of an axis' reference value, "J/m3": the axis' own where its reference is 1, else what its long
+/// name ends in, "multiple of its reference [J/m3]" or "multiple of 216 J/m3". Empty where neither says it.
+[[nodiscard]] std::string reference_units(const Axis& axis);
+
 /// Where each degree of freedom of a displacement field is, and its direction.
 struct Dofs {
   std::vector<double> points;            ///< [n_dof, 3], metres

@@ -18,6 +18,7 @@ namespace {
 
 constexpr double k_infinity = std::numeric_limits<double>::infinity();
 constexpr double k_log_sqrt_2_pi = 0.91893853320467274178;
+constexpr double k_largest_score = 38;  // beyond, Φ is no double
 
 }  // namespace
 
@@ -124,6 +125,22 @@ Prior::Transformed Prior::from_standard_normal(double z) const {
   if (family_ == Family::normal) return {location_ + scale_ * s, scale_ * first, scale_ * second};
   const double value = std::clamp(std::exp(location_ + scale_ * s), lower_, upper_);
   return {value, value * scale_ * first, value * scale_ * (scale_ * first * first + second)};
+}
+
+double Prior::to_standard_normal(double p) const {
+  double below = 0, above = 0;  // shares of the mass: the smaller one is free of cancellation
+  if (family_ == Family::uniform) {
+    below = p - lower_;
+    above = upper_ - p;
+  } else {
+    const double s = standardise(p);
+    if (!(below_ > 0 || above_ > 0)) return std::clamp(s, -k_largest_score, k_largest_score);
+    below = normal_cdf(s) - below_;
+    above = normal_cdf(-s) - above_;
+  }
+  const double all = below + above;
+  const double z = normal_quantile(std::max(0.0, std::min(below, above)) / all);
+  return std::copysign(std::min(-z, k_largest_score), below < above ? -1.0 : 1.0);
 }
 
 std::string Prior::describe() const {

@@ -39,6 +39,8 @@ class Prior {
     double value, first, second;
   };
   [[nodiscard]] Transformed from_standard_normal(double z) const;
+  /// z(p) = Φ⁻¹(F(p)), its inverse; within ±38 also at the ends of the support and outside.
+  [[nodiscard]] double to_standard_normal(double p) const;
 
   /// One line: "normal(0.9, 0.447) truncated to [0.5, 1.5]".
   [[nodiscard]] std::string describe() const;

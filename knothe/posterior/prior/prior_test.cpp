@@ -53,6 +53,17 @@ TEST(Prior, DensityIsThatOfTheTransform) {
   }
 }
 
+TEST(Prior, NormalScoresAreTheInverseOfTheTransform) {
+  for (const Prior& prior : every_kind()) {
+    for (double z : {-5.0, -3.0, -0.2, 0.0, 0.7, 2.5, 6.0})
+      EXPECT_NEAR(prior.to_standard_normal(prior.from_standard_normal(z).value), z, 1e-7)
+          << prior.describe() << " at z = " << z;
+    for (double p : {-1e9, prior.lower(), prior.upper(), 1e9})
+      EXPECT_LE(std::abs(prior.to_standard_normal(p)), 38) << prior.describe() << " at " << p;
+  }
+  EXPECT_DOUBLE_EQ(Prior::normal(2, 0.5).to_standard_normal(8), 12);
+}
+
 TEST(Prior, TransformDerivativesAgreeWithFiniteDifferences) {
   const double h = 1e-4;
   for (const Prior& prior : every_kind()) {

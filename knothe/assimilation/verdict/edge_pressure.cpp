@@ -1,0 +1,70 @@
+#include "knothe/assimilation/verdict/edge_pressure.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+namespace knothe::assimilation {
+namespace {
+
+using Eigen::Index;
+
+/// The distribution of a parameter's distance from an edge, linear between the points' distances: the nodes
+/// of a lattice have few of these, and each stands for what lies half way to its neighbours.
+class WayFromEdge {
+ public:
+  WayFromEdge(const posterior::Posterior& posterior, Index parameter, double edge) {
+    const double bins_per_unit =
+        k_bins / (k_deviations * std::sqrt(posterior.covariance(parameter, parameter)));
+    std::array<double, k_bins + 1> mass{}, moment{};  // what is farther away is in the last
+    for (Index i = 0; i < posterior.weights.size(); ++i) {
+      const double distance = std::abs(posterior.points(i, parameter) - edge);
+      const auto bin = static_cast<std::size_t>(std::min<double>(k_bins, distance * bins_per_unit));
+      mass[bin] += posterior.weights[i];
+      moment[bin] += posterior.weights[i] * distance;
+    }
+    double before = 0;
+    for (std::size_t bin = 0; bin <= k_bins; ++bin) {
+      if (!(mass[bin] > 0)) continue;
+      add(moment[bin] / mass[bin], before + 0.5 * mass[bin]);
+      before += mass[bin];
+    }
+    add(distance_.back(), before);
+  }
+  /// Distance within which that share of the mass is.
+  [[nodiscard]] double reach(double share) const { return between(share_, distance_, share); }
+  [[nodiscard]] double share_within(double distance) const { return between(distance_, share_, distance); }
+
+ private:
+  void add(double distance, double share) {
+    distance_.push_back(distance);
+    share_.push_back(share);
+  }
+  static double between(const std::vector<double>& x, const std::vector<double>& y, double at) {
+    const std::size_t right = std::upper_bound(x.begin(), x.end() - 1, at) - x.begin();
+    if (right == 0) return y[0];
+    const double width = x[right] - x[right - 1];
+    return width > 0 ? y[right - 1] + (at - x[right - 1]) / width * (y[right] - y[right - 1]) : y[right];
+  }
+  /// Points are counted in bins; the edge is within 2.5 standard deviations of the mean.
+  static constexpr std::size_t k_bins = 512;
+  static constexpr double k_deviations = 8;
+  std::vector<double> distance_ = {0}, share_ = {0};
+};
+
+/// Of the half of the mass next to an edge, the share in the nearer half of the way, at least: 0.56 for a
+/// normal density whose mean is a standard deviation beyond the edge, 0.59 for one that only falls.
+constexpr double k_half_next_to_it = 0.565;
+
+}  // namespace
+
+double edge_pressure(const posterior::Posterior& posterior, Index a, double edge) {
+  // A standard deviation, or 1.3, is where such a density has its mean.
+  if (std::abs(posterior.mean[a] - edge) > 2.5 * std::sqrt(posterior.covariance(a, a))) return 0;
+  const WayFromEdge way(posterior, a, edge);
+  const auto nearer = [&](double share) { return way.share_within(0.5 * way.reach(share)) / share; };
+  return nearer(0.5) < k_half_next_to_it ? 0 : nearer(0.8);
+}
+
+}  // namespace knothe::assimilation
