@@ -87,13 +87,14 @@ void set_up_chosen(const Project& project, const model::SeparatedModel& model, I
 void set_up_recorded(const Project& project, const model::SeparatedModel& model, InferenceSetup& setup) {
   if (!project.clock.empty())
     throw project.error_at("data.clock", "data.clock: `knothe assimilate` takes such data, infer does not");
-  likelihood::Measurements recorded = read_recorded(project);
+  likelihood::Measurements recorded = read_recorded(project, model.contents());
   Project inferred = project;  // what is known is in the model
   for (const KnownParameter& known : project.known) recorded.series.erase(known.name);
   inferred.known.clear();
   const ObservedData all = observe_data(inferred, model, setup.priors, std::move(recorded), project.data);
   const likelihood::Measurements& data = all.measurements;
-  if (!data.noise.measurement().is_independent() || likelihood::links_steps(data.noise))
+  if (!data.noise.measurement().is_independent() || likelihood::links_steps(data.noise) ||
+      data.noise.has_step_errors())
     throw DataError(project.data +
                     ": the noise is correlated; `knothe assimilate` takes such data, infer does not");
   if (!data.values.allFinite())

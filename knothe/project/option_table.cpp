@@ -12,7 +12,7 @@ const std::vector<Option>& options() {
     std::vector<Option> all;
     for (const auto& part : {project_option_table(), inference_option_table(), data_option_table(),
                              method_option_table(), offline_option_table(), simulation_option_table(),
-                             forecast_option_table(), serve_option_table(), picture_option_table()})
+                             forecast_option_table(), serve_option_table(), picture_option_table(), field_option_table()})
       all.insert(all.end(), part.begin(), part.end());
     return all;
   }();
