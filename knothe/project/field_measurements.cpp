@@ -71,11 +71,9 @@ ReadFields read_all(const FieldOptions& options) {
   return all;
 }
 
-/// A place as written in the project, in the common form of `field`: y down, px or mm. `unit_mm`: of the
-/// files.
-std::array<double, 2> in_common_form(const ExportedField& field, double unit_mm,
-                                     const std::array<double, 2>& place) {
-  return {unit_mm * place[0], (*field.is_up ? -1 : 1) * unit_mm * place[1]};
+/// A place as written in the project, in the common form of `field`: y down, px or mm.
+std::array<double, 2> in_common_form(const ExportedField& field, const std::array<double, 2>& place) {
+  return {field.position_factor * place[0], (*field.is_up ? -1 : 1) * field.position_factor * place[1]};
 }
 
 double coordinate_of_face(const FieldOptions& options, const model::ModelContents& model) {
@@ -88,8 +86,54 @@ double coordinate_of_face(const FieldOptions& options, const model::ModelContent
   return plane;
 }
 
-/// Where the fields are in the model. Positions in mm keep their scale; of pixels it is given or fitted.
-imaging::PictureFrame frame_of(const Project& project, const ExportedField& field, double unit_mm,
+/// The frame in which the points of the project are where it says in the model; with `scale` (m per unit of
+/// the common form) that is kept.
+imaging::PictureFrame fitted_frame(const Project& project, const ExportedField& field,
+                                   const std::optional<double>& scale) {
+  const FieldOptions& o = project.fields;
+  const auto fail = [&](const std::string& text) { return project.error_at("data.fields.points", text); };
+  // Numbers of pixels' size, for what the fit takes for one place.
+  constexpr double k_large = 1e6;
+  std::vector<std::array<double, 2>> places;
+  std::vector<Complex> at, wanted;
+  Complex mean, wanted_mean;
+  const double count = o.points.size();
+  for (std::size_t k = 0; k < o.points.size(); ++k) {
+    const auto place = in_common_form(field, o.points[k]);
+    places.push_back({k_large * place[0], k_large * place[1]});
+    at.emplace_back(place[0], -place[1]), wanted.emplace_back(o.model_points[k][0], o.model_points[k][1]);
+    mean += at.back() / count, wanted_mean += wanted.back() / count;
+  }
+  imaging::PictureFrame frame;
+  try {
+    frame = imaging::fit_picture_frame(places, o.model_points, 0.5 * k_large);
+  } catch (const UsageError& error) {
+    throw fail(error.what());
+  }
+  frame.slope *= k_large;
+  double misfit = 0, extent = 0;
+  for (std::size_t k = 0; k < at.size(); ++k) {
+    misfit = std::max(misfit, std::abs(frame.slope * at[k] + frame.offset - wanted[k]));
+    extent = std::max(extent, std::abs(wanted[k] - wanted_mean));
+  }
+  if (misfit > k_max_misfit * extent)
+    throw fail(
+        fmt::format("the points do not fit each other: one is off by {:.3g} m. Their order, or the "
+                    "direction of y (data.fields.y)?",
+                    misfit));
+  if (!scale) return frame;
+  if (std::abs(frame.scale() / *scale - 1) > k_max_misfit)
+    throw fail(fmt::format(
+        "the points are {:.4g} times as far apart in the model as in the field: check the unit ({}) and the "
+        "points",
+        frame.scale() / *scale, field.position_unit == "px" ? "data.fields.scale" : "data.fields.units"));
+  frame.relative_scale_std = 0, frame.slope *= *scale / frame.scale();
+  frame.offset = wanted_mean - frame.slope * mean;
+  return frame;
+}
+
+/// Where the fields are in the model. Lengths keep their scale; of pixels it is given or fitted.
+imaging::PictureFrame frame_of(const Project& project, const ExportedField& field,
                                const model::ModelContents& model) {
   const FieldOptions& o = project.fields;
   const bool pixels = field.position_unit == "px";
@@ -97,55 +141,18 @@ imaging::PictureFrame frame_of(const Project& project, const ExportedField& fiel
   if (!pixels && o.scale)
     throw project.error_at("data.fields.scale",
                            fmt::format("\"data.fields.scale\" is of pixels; {} has lengths", field.path));
+  if (o.points.empty() && !scale)
+    throw project.error_at("data.fields",
+                           fmt::format("{} is in pixels: give data.fields.scale, metres per pixel, or points "
+                                       "and model_points",
+                                       field.path));
   imaging::PictureFrame frame;
   if (o.points.empty()) {
-    if (!scale)
-      throw project.error_at(
-          "data.fields",
-          fmt::format("{} is in pixels: give data.fields.scale, metres per pixel, or points and "
-                      "model_points",
-                      field.path));
-    frame = imaging::picture_frame(*scale, in_common_form(field, unit_mm, *o.origin));
+    frame = imaging::picture_frame(*scale, in_common_form(field, *o.origin));
     const Complex turn = std::polar(1.0, o.angle * std::numbers::pi / 180);
     frame.slope *= turn, frame.offset *= turn;
   } else {
-    // Numbers of pixels' size, for what the fit takes for one place.
-    constexpr double k_large = 1e6;
-    std::vector<std::array<double, 2>> places;
-    Complex mean, model_mean;
-    for (std::size_t k = 0; k < o.points.size(); ++k) {
-      auto place = in_common_form(field, unit_mm, o.points[k]);
-      mean += Complex(place[0], -place[1]) / double(o.points.size());
-      model_mean += Complex(o.model_points[k][0], o.model_points[k][1]) / double(o.points.size());
-      places.push_back({k_large * place[0], k_large * place[1]});
-    }
-    try {
-      frame = imaging::fit_picture_frame(places, o.model_points, 0.5 * k_large);
-    } catch (const UsageError& error) {
-      throw project.error_at("data.fields.points", error.what());
-    }
-    frame.slope *= k_large;
-    if (scale && std::abs(frame.scale() / *scale - 1) > k_max_misfit)
-      throw project.error_at(
-          "data.fields.points",
-          fmt::format("the points are {:.4g} times as far apart in the model as in the field: check the "
-                      "unit ({}) and the points",
-                      frame.scale() / *scale, pixels ? "data.fields.scale" : "data.fields.units"));
-    if (scale) frame.relative_scale_std = 0, frame.slope *= *scale / frame.scale();
-    frame.offset = model_mean - frame.slope * mean;
-    double misfit = 0, extent = 0;
-    for (std::size_t k = 0; k < places.size(); ++k) {
-      const Complex at = frame.slope * Complex(places[k][0], -places[k][1]) / k_large + frame.offset;
-      const Complex wanted(o.model_points[k][0], o.model_points[k][1]);
-      misfit = std::max(misfit, std::abs(at - wanted)),
-      extent = std::max(extent, std::abs(wanted - model_mean));
-    }
-    if (misfit > k_max_misfit * extent)
-      throw project.error_at(
-          "data.fields.points",
-          fmt::format("the points do not fit each other: one is off by {:.3g} m. Their order, or the "
-                      "direction of y (data.fields.y)?",
-                      misfit));
+    frame = fitted_frame(project, field, scale);
   }
   frame.view = o.view, frame.plane = coordinate_of_face(o, model);
   frame.relative_scale_std = std::hypot(frame.relative_scale_std, o.relative_scale_std);
@@ -214,7 +221,7 @@ FieldMeasurements measure_fields(const Project& project, const model::ModelConte
     result.read.push_back(fmt::format("{}: {}, time {}", field.path, field.found, *field.time));
   }
   const ExportedField& first = all.fields.front();
-  const imaging::PictureFrame frame = frame_of(project, first, first.position_factor, model);
+  const imaging::PictureFrame frame = frame_of(project, first, model);
   // Displacements in mm beside positions in pixels have a scale of their own.
   const double displacement_scale = first.displacement_unit == "px" ? frame.scale() : 1e-3;
   place_points(o, likelihood::join_fields(all.fields, o.min_distance / frame.scale()), frame,

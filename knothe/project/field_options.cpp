@@ -25,75 +25,62 @@ constexpr auto k_positions =
 constexpr auto k_directions = std::to_array<Named<std::optional<bool>>>({{true, "up"}, {false, "down"}});
 
 void add_format_options(Section<G>& s) {
-  s.add("files", &G::files, "Folder of the fields, or folder and pattern of their names, `\"dic/*.csv\"`.",
-        file, required);
+  s.add("files", &G::files, "Folder, or folder and pattern, `\"dic/*.csv\"`.", file, required);
   s.add("format", in(&G::mapping, &Mapping::format),
-        fmt::format("`auto` (from the content), or: {}; `table`: what `columns` says.",
-                    fmt::join(files::field_formats(), ", ")));
-  s.table("columns", "Columns that are not the format's.");
+        "Found by itself, or its name; `table`: by `columns` alone.");
+  s.table("columns", "Columns, where not the format's.");
   s.add("columns.*", in(&G::mapping, &Mapping::columns),
-        "Column of x, y, u, v or id (the point's number): its name, or `#3` for the third; `-NAME` is its "
-        "negative.");
-  s.add("units", in(&G::mapping, &Mapping::units),
-        "Unit of positions and displacements, if the files state none.");
-  s.choice("positions", &G::positions, k_positions, "State that the positions belong to.");
+        "Column of x, y, u, v or id: name, `#3`, or `-NAME`.");
+  s.add("units", in(&G::mapping, &Mapping::units), "Unit, where the files state none.");
+  s.choice("positions", &G::positions, k_positions, "State in which positions are.");
   s.choice("y", &G::y, k_directions, "Direction of y and v.");
-  s.add("lost", &G::lost, "Which points are lost, `[\"sigma < 0\"]`; `[]`: those without numbers alone.",
-        no_default);
-  s.add("grid", in(&G::mapping, &Mapping::grid),
-        "Matrices: position of the first value and the steps, [x, y, dx, dy], in their unit.");
-  s.add("reference", &G::reference, "File with the reference positions, where the others have none.", file);
+  s.add("lost", &G::lost, "Rules for lost points, `[\"sigma < 0\"]`.", no_default);
+  s.add("grid", in(&G::mapping, &Mapping::grid), "Of matrices: [x, y, dx, dy].");
+  s.add("reference", &G::reference, "File with the reference positions.", file);
 }
 
 void add_time_options(Section<G>& s) {
-  s.add("times", &G::times, "Model time of each file, in the order of the numbers in their names.");
-  s.add("steps", &G::steps, "Table of files (or numbers of images) with their times and series.", file);
+  s.add("times", &G::times, "Model times of the files.");
+  s.add("steps", &G::steps, "Or a table: time, file (or image), series.", file);
   s.choice("time", &G::time_from_name, "stated", "name",
-           "Otherwise: the time that the file states, or the number in its name.");
-  s.add("time_zero", &G::time_zero, "Their time at the model's time 0.");
-  s.table("series", "Series that files or steps state, such as a force.");
-  s.add("series.*", &G::series, "Its name there, of the model's output of that name.");
+           "Or what the files state; the number in their names.");
+  s.add("time_zero", &G::time_zero, "Subtracted from these.");
+  s.table("series", "Series in files or steps.");
+  s.add("series.*", &G::series, "Name there of this output.");
 }
 
 void add_noise_options(Section<G>& s) {
-  s.add("std", &G::std, "Standard deviation of a displacement, m.", positive);
-  s.add("static", &G::static_fields,
-        "Instead: names of fields of the body at rest, from which it is estimated.");
-  s.add("min_distance", &G::min_distance,
-        "Points closer to another are left out, m: subsets that overlap have errors in common.",
+  s.add("std", &G::std, "Standard deviation of displacements, m.", positive);
+  s.add("static", &G::static_fields, "Or names of fields at rest.");
+  s.add("min_distance", &G::min_distance, "Least distance of points, m.", non_negative);
+  s.add("relative_scale_std", &G::relative_scale_std, "Relative standard deviation of the scale.",
         non_negative);
-  s.add("relative_scale_std", &G::relative_scale_std,
-        "Standard deviation of the scale, relative (calibration, motion out of plane).", non_negative);
-  s.add("motion_std", &G::motion_std,
-        "Standard deviation of a rigid motion of each field, [m, degrees], which is integrated out.",
+  s.add("motion_std", &G::motion_std, "Standard deviation of each field's rigid motion, [m, degrees].",
         of_shape("two numbers, [m, degrees]"));
 }
 
 void add_registration_options(Section<G>& s) {
   constexpr const char* k_points = "points of two numbers each, [[x, y], [x, y]]";
   s.add("scale", &G::scale, "Metres per pixel.", positive);
-  s.add("points", &G::points, "Places in the field, as in its files, [[x, y], …] …", of_shape(k_points));
-  s.add("model_points", &G::model_points, "… and on the model's face, [[right, up], …], m.",
-        of_shape(k_points));
-  s.add("origin", &G::origin, "Instead: where the model's origin is in the field, [x, y].",
-        of_shape("two numbers, [x, y]"));
-  s.add("angle", &G::angle, "By which the field is rotated relative to the model, degrees.");
+  s.add("points", &G::points, "Places in the field …", of_shape(k_points));
+  s.add("model_points", &G::model_points, "… and on the model's face, m.", of_shape(k_points));
+  s.add("origin", &G::origin, "Or the model's origin in the field.", of_shape("two numbers, [x, y]"));
+  s.add("angle", &G::angle, "As `dic.angle`.");
   s.add("view", &G::view, "As `dic.view`.");
   s.add("plane", &G::plane, "As `dic.plane`.");
-  s.add("region", &G::region, "Part of the face that is used, [right, up, right, up], m.",
+  s.add("region", &G::region, "Part of the face used, two corners, m.",
         of_shape("two opposite corners, [right, up, right, up], m"));
 }
 
 const Section<G>& field_section() {
-  static const Section<G> k_section(
-      "data.fields",
-      "Displacement fields that another program exported (docs/how-to/fields-of-other-programs.md).",
-      [](Section<G>& s) {
-        add_format_options(s);
-        add_time_options(s);
-        add_noise_options(s);
-        add_registration_options(s);
-      });
+  static const Section<G> k_section("data.fields",
+                                    "Exported displacement fields (docs/how-to/fields-of-other-programs.md).",
+                                    [](Section<G>& s) {
+                                      add_format_options(s);
+                                      add_time_options(s);
+                                      add_noise_options(s);
+                                      add_registration_options(s);
+                                    });
   return k_section;
 }
 

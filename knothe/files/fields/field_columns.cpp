@@ -33,6 +33,7 @@ const std::vector<ColumnFormat>& formats() {
   static const std::vector<std::string> k_vic_id{"x", "y"};
   static const std::vector<LostRule> k_sigma{{"sigma", "<", 0}};
   static const std::vector<ColumnFormat> k_formats{
+      {"vic-3d", {"X", "Y", "U", "V"}, k_vic_id, {"sigma"}, "", false, true, k_sigma},
       {"vic-3d", {"X", "Y", "U", "V"}, k_vic_id, {"Z", "W"}, "", false, true, k_sigma, true},
       {"vic-2d", {"x_c", "y_c", "u_c", "v_c"}, k_vic_id, {}, "", false, {}, k_sigma, true},
       {"vic-2d", {"x", "y", "u", "v"}, {}, {"sigma"}, "px", false, false, k_sigma, true},

@@ -1,6 +1,5 @@
 #pragma once
-/// @file The formats of exported fields, one function each. Private to this folder. Facts and their sources:
-/// docs/reference/formats.md.
+/// @file The formats of exported fields, one function each. Private to this folder.
 #include <string>
 #include <vector>
 
