@@ -346,6 +346,24 @@ TEST_F(ExportedFields, OpenCorrDavisAndSunDicAsOtherVersionsWriteThem) {
       two_lost);
 }
 
+TEST_F(ExportedFields, AnOlderNodemapStatesItsTimeAndForceInOtherWords) {
+  std::string text =
+      "####\n# Facet size: 19.0\n# Calibration object: CP 20 / MV 250x200mm\xB2 (ID: 10641)\n"
+      "# Current stage date: 25.06.2019 09:25\n# Current stage relative date: 71317.25\n#\n"
+      "# Kraft: 49.5 kN\n####\n#\n#ID,ID; x_undef [mm]; y_undef [mm]; z_undef [mm]; u [mm]; v [mm]; epsx "
+      "[%]\n";
+  for (std::size_t i = 0; i < plate().size(); ++i) {
+    const PlatePoint p = plate()[i];
+    text += p.lost() ? fmt::format("{}; nan; nan; nan; nan; nan; nan\n", i)
+                     : fmt::format("{}; {}; {}; 0.1; {}; {}; 1\n", i, p.x, p.y, p.u(), p.v());
+  }
+  ExportedField field = read("AllDataPoints_1_7.txt", text);
+  expect_plate(field, two_lost);
+  EXPECT_EQ(field.time, 71317.25);
+  EXPECT_EQ(field.scalars["Kraft"], 49500);
+  EXPECT_FALSE(field.scalars.contains("Current stage date"));
+}
+
 TEST_F(ExportedFields, WhatTheUserDeclares) {
   // Another program: names of its own, v upside down, a quality from 0 to 1, positions of the loaded state.
   const auto cell = [](const std::string& column, const PlatePoint& p, std::size_t i) {
@@ -515,7 +533,7 @@ TEST_F(ExportedFields, MatFilesPackedOrNot) {
     const std::string bytes = vic_mat(packed);
     expect_plate(read("a.mat", bytes, in_unit("mm")), two_lost);
     // Cut off anywhere, it is refused or read without what is missing; nothing breaks.
-    for (std::size_t size = 0; size < bytes.size(); size += 7)
+    for (std::size_t size = 0; size < bytes.size(); size += 61)
       EXPECT_NE(complaint("a.mat", bytes.substr(0, size), in_unit("mm")), "read") << size;
   }
 }

@@ -157,17 +157,19 @@ double in_si(double value, const std::string& unit) {
   return known ? value * known->factor : value;
 }
 
-/// Comments "name : value" and "name : kind : value" of an ARAMIS nodemap.
+/// Comments "name : value", "name : kind : value" and "name: value unit" of an ARAMIS nodemap.
 void read_comment_values(const FieldText& file, ExportedField& field) {
   for (const std::string_view comment : file.comments) {
-    const std::size_t first = comment.find(':'), last = comment.rfind(':');
-    if (first == std::string_view::npos) continue;
+    const std::size_t first = comment.find(':'), last = comment.rfind(": ");  // not that of 09:25
+    if (first == std::string_view::npos || first == 0 || last == std::string_view::npos) continue;
     const std::string name(comment.substr(0, comment.find_last_not_of(" \t", first - 1) + 1));
-    const std::string_view text = comment.substr(last + 1);
-    const auto number = file.number(text);
+    std::string_view value = comment.substr(last + 2);
+    const std::size_t blank = value.find(' ', value.find_first_not_of(' '));
+    const std::string unit(blank == std::string_view::npos ? "" : value.substr(blank + 1));
+    const auto number = file.number(value.substr(0, blank));
     if (!number || !std::isfinite(*number)) continue;
-    field.scalars[name] = *number;
-    if (name == "current_stage_relative_date") field.time = *number;
+    field.scalars[name] = in_si(*number, unit);
+    if (name == "current_stage_relative_date" || name == "Current stage relative date") field.time = *number;
   }
 }
 
