@@ -419,6 +419,10 @@ TEST_F(ExportedFields, DamagedFilesAreRefusedWithTheirPlace) {
             path + ":2: error: column v: \"0.1.2\" is not a number");
   EXPECT_EQ(complaint("a.csv", head + "1,2,0.1,0.1,0.9\n1,2,0.1\n"),
             path + ":3: error: 3 fields, the head of the table has 5");
+  // What has become text in the middle of a table does not hide the points behind it.
+  EXPECT_EQ(
+      complaint("a.csv", head + "1,2,0.1,0.1,0.9\nab,cd,e,f,g\n2,2,0.1,0.1,0.9\n"),
+      path + ":3: error: neither numbers nor the columns of the table before: the file is damaged here");
   EXPECT_EQ(complaint("a.csv", head + std::string("1,2,0.1,0.1,0.9\n1,\0\0\0", 20)),
             path + ": NUL bytes (the first is byte 31): the file is damaged, or not a text");
   EXPECT_NE(complaint("a.csv", ""), "read");

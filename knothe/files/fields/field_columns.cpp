@@ -94,6 +94,18 @@ bool fits(const ColumnFormat& format, const FieldBlock& block) {
          std::all_of(format.marks.begin(), format.marks.end(), is_there);
 }
 
+/// Whether a block is one of points: it has the columns of the format, or those that are declared.
+bool belongs(const ColumnFormat& format, const FieldMapping& mapping, const FieldBlock& block) {
+  if (mapping.format != "table") return fits(format, block);
+  for (const std::string& name : format.x_y_u_v) {
+    const auto given = mapping.columns.find(name);
+    std::string column = given == mapping.columns.end() ? name : given->second;
+    if (column.starts_with('-') && !has(block, column)) column.erase(0, 1);
+    if (!column.starts_with('#') && !has(block, column)) return false;
+  }
+  return true;
+}
+
 /// Columns of a block that is read, by their place.
 class Columns {
  public:
@@ -315,7 +327,12 @@ ExportedField read_columns(const FieldText& file, const FieldMapping& mapping) {
   if (mapping.columns.contains("x") || mapping.columns.contains("y"))
     field.is_current.reset(), field.is_up.reset(), field.position_unit = field.displacement_unit = "";
   for (const FieldBlock& block : file.blocks) {
-    if (mapping.format != "table" && !fits(format, block)) continue;
+    if (!belongs(format, mapping, block)) {
+      if (!field.x.empty())
+        file.fail(block.line,
+                  "neither numbers nor the columns of the table before: the file is damaged here");
+      if (&block != &file.blocks.back()) continue;  // the last one's columns are missed with their names
+    }
     if (block.rows.empty()) continue;
     const Columns columns(file, block);
     const Roles roles = roles_of(format, mapping, block, columns);

@@ -224,7 +224,7 @@ FieldText read_field_text(const std::string& path) {
     const bool is_head = names_columns(file, cells);
     if (!is_head || !after_head || !take_units(cells, file.blocks.back())) {
       if (is_head)
-        file.blocks.push_back(block_of(std::move(cells)));
+        file.blocks.push_back(block_of(std::move(cells))), file.blocks.back().line = number;
       else
         add_row(file, number, std::move(cells));
     }

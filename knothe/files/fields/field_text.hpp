@@ -13,6 +13,7 @@ namespace knothe::files {
 /// Names and the rows below them. Lines count from 1.
 struct FieldBlock {
   std::vector<std::string> names, units;  ///< of the columns: "x [mm]" is "x" and "mm"
+  std::size_t line = 0;                   ///< of the names
   struct Row {
     std::size_t line = 0;
     std::vector<std::string_view> cells;  ///< as many as there are names, if there are names
