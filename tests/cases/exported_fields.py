@@ -153,7 +153,7 @@ class Test(Case):
         self.expect(3, "assimilate", self.project_name, stderr=["0.1 times as far apart", "data.fields.scale"])
 
     def test_infer_and_select_read_the_same_fields(self):
-        self.measure()
+        self.measure(lost=lambda k, step: (3 * k + step) % 7 == 0)
         self.write_vic()
         self.declare(self.VIC)
         line = self.expect(0, "infer", self.project_name, "--json").lines()[-1]
