@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <filesystem>
 #include <limits>
 #include <numbers>
@@ -42,7 +43,9 @@ ReadFields read_all(const FieldOptions& options) {
   ReadFields all;
   std::vector<ExportedField> fields;
   for (const std::string& path : list_fields(options.files)) {
-    if (same_file(path, options.reference) || same_file(path, options.steps)) continue;
+    if (same_file(path, options.reference) || same_file(path, options.steps) ||
+        same_file(path, options.beside))
+      continue;
     for (ExportedField& field : files::read_exported_fields(path, options.mapping))
       fields.push_back(std::move(field));
   }

@@ -122,11 +122,11 @@ class Test(Case):
         self.measure()
         self.write_vic()
         rows = [(t / 48, analytic_model.reaction_force(t / 48, *TRUTH)) for t in range(1, 49)]
-        (self.folder / "machine.csv").write_text("time,reaction_force [kN]\n" + "".join(f"{t!r},{f / 1e3!r}\n" for t, f in rows))
+        (self.folder / "dic/machine.csv").write_text("time,reaction_force [kN]\n" + "".join(f"{t!r},{f / 1e3!r}\n" for t, f in rows))
         self.declare(self.VIC)
-        self.edit("[data.fields]", '[data]\nfile = "machine.csv"\n[data.std]\nreaction_force = 0.04\n[data.fields]')
+        self.edit("[data.fields]", '[data]\nfile = "dic/machine.csv"\n[data.std]\nreaction_force = 0.04\n[data.fields]')
         self.expect_agreement(self.assimilate(), self.judged(numbers=[lambda t: analytic_model.reaction_force(t, *TRUTH)]))
-        (self.folder / "machine.csv").write_text("time,reaction_force\n7,1\n8,2\n")
+        (self.folder / "dic/machine.csv").write_text("time,reaction_force\n7,1\n8,2\n")
         self.expect(4, "assimilate", self.project_name, stderr=["machine.csv: its times, 7 to 8, and those of the fields, 0.25 to 1", "none in common"])
 
     def test_a_field_in_pixels_turned_against_the_model_with_a_rigid_motion_of_each_picture(self):
