@@ -387,6 +387,8 @@ TEST_F(ExportedFields, WhatTheUserDeclares) {
   mapping.columns = {{"x", "#2"}, {"y", "#3"}, {"u", "#4"}, {"v", "-#5"}};
   mapping.lost = {lost_rule("#6 < 0.5")};
   expect_plate(read("a.txt", text.substr(text.find('\n') + 1), mapping), two_lost);
+  EXPECT_EQ(complaint("a.txt", "1\t2\t3\t4\t5\t0.9\n2\t3\t4\n", mapping),
+            folder_.file("a.txt") + ":2: error: 3 fields, column #4 is missing");
   mapping.columns["u"] = "Uy";
   EXPECT_EQ(complaint("a.txt", text, mapping),
             folder_.file("a.txt") + ": column Uy is missing; there are: Nr, Px, Py, Ux, Vy, quality");

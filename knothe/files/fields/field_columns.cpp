@@ -133,6 +133,8 @@ class Columns {
     return index;
   }
   [[nodiscard]] double value(const FieldBlock::Row& row, std::size_t column) const {
+    if (column >= row.cells.size())
+      file_.fail(row.line, fmt::format("{} fields, column #{} is missing", row.cells.size(), column + 1));
     const auto number = file_.number(row.cells[column]);
     if (!number)
       file_.fail(row.line, fmt::format("column {}: \"{}\" is not a number",
