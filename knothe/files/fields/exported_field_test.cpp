@@ -237,6 +237,15 @@ TEST_F(ExportedFields, Vic3dInAnyOrderUnitAndEncoding) {
   expect_plate(read("a.csv", old_mac, in_unit("mm")), two_lost);
 }
 
+TEST_F(ExportedFields, AreasOfWhichNotAllHaveNumbersOfPointsAreFoundByPlace) {
+  const ExportedField field =
+      read("a.csv", "X,Y,U,V,sigma,x,y\n1,2,3,4,0.1,10,20\n\nX,Y,U,V,sigma\n5,6,7,8,0.1\n9,9,9,9,-1\n",
+           in_unit("mm"));
+  EXPECT_EQ(field.x, (std::vector<double>{1, 5, 9}));
+  EXPECT_EQ(field.lost_count(), 1u);
+  EXPECT_TRUE(field.id.empty());
+}
+
 TEST_F(ExportedFields, WordsInAnyLanguageAreLostPoints) {
   const std::vector<std::string> columns{
       "Coordinates.Image X [Pixel]",         "Coordinates.Image Y [Pixel]",      "coor.X [mm]", "coor.Y [mm]",

@@ -349,6 +349,7 @@ ExportedField read_columns(const FieldText& file, const FieldMapping& mapping) {
     read_rows(file, block, roles, rules, field);
     read_repeated(file, block, field);
   }
+  if (field.id.size() != field.x.size()) field.id.clear();  // not all tables have them
   read_comment_values(file, field);
   read_stage(file, field);
   return field;
