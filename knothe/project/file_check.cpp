@@ -11,6 +11,8 @@
 #include "knothe/likelihood/step/prior_of_model.hpp"
 #include "knothe/model/simulator/command_simulator.hpp"
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
+#include "knothe/project/field_measurements.hpp"
+#include "knothe/project/field_steps.hpp"
 #include "knothe/project/simulation.hpp"
 #include "knothe/project/update_setup.hpp"
 
@@ -119,7 +121,13 @@ FileCheck check_files(const Project& project) {
   check_simulation(project);
   check.warnings = truth_outside_box(project);
   const PictureOptions& pictures = project.pictures;
-  std::vector<std::string> files = {project.model, project.data, pictures.folder, pictures.series.mask};
+  const bool fields = !project.fields.files.empty();
+  // A pattern of names is looked up where the fields are read.
+  const std::string data = fields ? fields_folder(project.fields) : project.data;
+  std::vector<std::string> files = {project.model,         data,
+                                    pictures.folder,       pictures.series.mask,
+                                    project.fields.beside, project.fields.reference,
+                                    project.fields.steps};
   if (pictures.folder.empty())
     for (const auto* list : {&pictures.references, &pictures.pictures})
       files.insert(files.end(), list->begin(), list->end());
@@ -127,6 +135,7 @@ FileCheck check_files(const Project& project) {
     if (!file.empty() && !std::filesystem::exists(file)) check.missing.push_back(file);
   // Pictures are looked at when they are correlated.
   if (project.model.empty() || project.data.empty() || !check.missing.empty()) return check;
+  if (fields) check.facts = measure_fields(project, load_model(project).contents()).read;
   const UpdateSetup setup = set_up(project);
   (void)make_forecaster(project, setup);
   if (!project.serve.limits.empty()) (void)serve_limits(project, setup);

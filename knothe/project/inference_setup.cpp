@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
+
 #include "knothe/likelihood/data/measurements.hpp"
 #include "knothe/likelihood/step/prior_of_model.hpp"
 #include "knothe/model/forward/separated_forward_model.hpp"
@@ -87,26 +89,28 @@ void set_up_chosen(const Project& project, const model::SeparatedModel& model, I
 void set_up_recorded(const Project& project, const model::SeparatedModel& model, InferenceSetup& setup) {
   if (!project.clock.empty())
     throw project.error_at("data.clock", "data.clock: `knothe assimilate` takes such data, infer does not");
-  likelihood::Measurements recorded = read_recorded(project);
+  likelihood::Measurements recorded = read_recorded(project, model.contents());
   Project inferred = project;  // what is known is in the model
   for (const KnownParameter& known : project.known) recorded.series.erase(known.name);
   inferred.known.clear();
   const ObservedData all = observe_data(inferred, model, setup.priors, std::move(recorded), project.data);
   const likelihood::Measurements& data = all.measurements;
-  if (!data.noise.measurement().is_independent() || likelihood::links_steps(data.noise))
+  if (!data.noise.measurement().is_independent() || likelihood::links_steps(data.noise) ||
+      data.noise.has_step_errors())
     throw DataError(project.data +
                     ": the noise is correlated; `knothe assimilate` takes such data, infer does not");
-  if (!data.values.allFinite())
-    throw DataError(project.data +
-                    ": values are missing; `knothe assimilate` takes such data, infer does not");
-  if (data.values.size() == 0)
+  const Eigen::VectorXd values = data.values.reshaped();
+  const Eigen::VectorXd std = data.noise.measurement().standard_deviations().replicate(data.values.cols(), 1);
+  std::vector<Eigen::Index> present;
+  for (Eigen::Index i = 0; i < values.size(); ++i)
+    if (!std::isnan(values[i])) present.push_back(i);
+  if (present.empty())
     throw DataError(project.data + ": nothing is measured of what the model predicts: no value with a std");
-  setup.model =
+  auto predicted =
       std::make_unique<model::SeparatedForwardModel>(*all.observed, all.time_indices, model.where());
-  setup.observations =
-      Observations{data.values.reshaped(),
-                   GaussianNoise::independent(
-                       data.noise.measurement().standard_deviations().replicate(data.values.cols(), 1))};
+  predicted->restrict_to(present);
+  setup.model = std::move(predicted);
+  setup.observations = Observations{values(present), GaussianNoise::independent(std(present))};
 }
 
 void set_up_separated(const Project& project, InferenceSetup& setup) {

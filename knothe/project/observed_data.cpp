@@ -16,6 +16,7 @@
 #include "knothe/model/observe/scalar_observations.hpp"
 #include "knothe/model/reduced/known_parameter.hpp"
 #include "knothe/model/reduced/time_interpolation.hpp"
+#include "knothe/project/field_measurements.hpp"
 
 namespace knothe::project {
 namespace {
@@ -247,35 +248,41 @@ void set_series_std(const Project& project, likelihood::Measurements& recorded) 
 
 }  // namespace
 
-likelihood::Measurements read_recorded(const Project& project) {
-  likelihood::Measurements recorded = likelihood::read_measurements(project.data);
-  set_series_std(project, recorded);
+likelihood::Measurements read_recorded(const Project& project, const model::ModelContents& model) {
+  const bool fields = !project.fields.files.empty();
+  likelihood::Measurements recorded =
+      fields ? measure_fields(project, model).measurements : likelihood::read_measurements(project.data);
+  if (project.fields.beside.empty())
+    set_series_std(project, recorded);
+  else
+    add_series_beside(project, project.fields.beside, recorded);
   return recorded;
 }
 
-void add_series_beside_pictures(const Project& project, likelihood::Measurements& pictures) {
-  likelihood::Measurements recorded = likelihood::read_measurements(project.data);
+void add_series_beside(const Project& project, const std::string& path, likelihood::Measurements& measured) {
+  const char* const what = project.fields.files.empty() ? "pictures" : "fields";
+  likelihood::Measurements recorded = likelihood::read_measurements(path);
   if (recorded.values.rows() > 0)
     throw DataError(fmt::format(
-        "{}: it holds displacements, but beside [data] pictures only its series are read: leave them out, or "
+        "{}: it holds displacements, but beside [data] {} only its series are read: leave them out, or "
         "give a gauge as a series with a table [data.sensors]",
-        project.data));
-  set_series_std(project, recorded);
+        path, what));
   bool overlaps = false;
   for (const auto& [name, series] : recorded.series) {
-    MeasuredSeries& here = pictures.series[name] =
-        likelihood::interpolate_series(series, recorded.time, pictures.time);
+    MeasuredSeries& here = measured.series[name] =
+        likelihood::interpolate_series(series, recorded.time, measured.time);
     overlaps = overlaps || std::any_of(here.values.begin(), here.values.end(),
                                        [](double value) { return !std::isnan(value); });
   }
-  if (!overlaps && !recorded.time.empty() && !pictures.time.empty())
+  set_series_std(project, measured);
+  if (!overlaps && !recorded.time.empty() && !measured.time.empty())
     throw DataError(
-        fmt::format("{}: its times, {} to {}, and those of the pictures, {} to {}, have none in common: both "
+        fmt::format("{}: its times, {} to {}, and those of the {}, {} to {}, have none in common: both "
                     "must be read "
                     "from one clock ([data] time_offset_std is for what is left between two)",
-                    project.data, recorded.time.front(), recorded.time.back(), pictures.time.front(),
-                    pictures.time.back()));
-  pictures.series_time_std = project.time_offset_std;
+                    path, recorded.time.front(), recorded.time.back(), what, measured.time.front(),
+                    measured.time.back()));
+  measured.series_time_std = project.time_offset_std;
 }
 
 ObservedData observe_data(const Project& project, const model::SeparatedModel& model,
@@ -293,6 +300,7 @@ ObservedData observe_data(const Project& project, const model::SeparatedModel& m
   else
     by_clock = place(project, model, priors, source, data);
   m.noise = with_shared_errors(m, by_clock);
+  m.noise = with_motion(project.fields, m);
   return data;
 }
 

@@ -20,13 +20,16 @@ struct ObservedData {
   std::vector<std::string> unused;        ///< series of the file that nothing was made of: they have no std
 };
 
-/// Into `pictures`, measured without their values so far, the series of the project's data file at the times
-/// of the pictures. Errors: DataError where the file has displacements, or no time in common.
-void add_series_beside_pictures(const Project& project, likelihood::Measurements& pictures);
+/// Into `measured`, of pictures (without their values so far) or fields, the series of the file `path` at
+/// their times, with the standard deviations of the project. Errors: DataError where the file has
+/// displacements, or no time in common; ProjectError for a standard deviation of a name that no series has.
+void add_series_beside(const Project& project, const std::string& path, likelihood::Measurements& measured);
 
-/// The project's data file, its series with the standard deviations of the project. Errors: those of
-/// `read_measurements`; ProjectError for a name that no series has.
-[[nodiscard]] likelihood::Measurements read_recorded(const Project& project);
+/// The project's data file, or its fields and the file beside them; series with the standard deviations of
+/// the project. Errors: those of `read_measurements` and `measure_fields`; ProjectError for a name that no
+/// series has.
+[[nodiscard]] likelihood::Measurements read_recorded(const Project& project,
+                                                     const model::ModelContents& model);
 
 /// What of `measurements` the model says something about: displacements; series with a std that are named as
 /// a sensor of the project or an output of the model. With `project.clock` the times are those that its

@@ -133,7 +133,7 @@ class Section {
     fill(*this);
   }
 
-  /// A table in it; its members follow as "key.member", or "key.*" for numbers by name (a map).
+  /// A table in it; its members follow as "key.member", or "key.*" for values by name (a map).
   template <class... Rules>
   void table(const std::string& key, std::string meaning, Rules... rules) {
     append(key, ValueKind::table, std::move(meaning), {});
@@ -146,7 +146,7 @@ class Section {
     if constexpr (NamedEnum<T>) {
       return choice(key, member, names_of(T{}), std::move(meaning), rules...);
     } else if constexpr (requires { typename T::mapped_type; }) {
-      append(key, ValueKind::number, std::move(meaning),
+      append(key, kind_of(leaf_of(typename T::mapped_type{})), std::move(meaning),
              [member, table = path_ + (path_.empty() ? "" : ".") + key.substr(0, key.size() - 2)](
                  Values& values, const Option& option, const std::string&, S& s) {
                for (const std::string& name : values.children_of(table))

@@ -10,9 +10,10 @@ using K = ValueKind;
 const std::vector<Option>& options() {
   static const std::vector<Option> k_all = [] {
     std::vector<Option> all;
-    for (const auto& part : {project_option_table(), inference_option_table(), data_option_table(),
-                             method_option_table(), offline_option_table(), simulation_option_table(),
-                             forecast_option_table(), serve_option_table(), picture_option_table()})
+    for (const auto& part :
+         {project_option_table(), inference_option_table(), data_option_table(), method_option_table(),
+          offline_option_table(), simulation_option_table(), forecast_option_table(), serve_option_table(),
+          picture_option_table(), field_option_table()})
       all.insert(all.end(), part.begin(), part.end());
     return all;
   }();
@@ -42,11 +43,11 @@ std::string describe(ValueKind kind) {
     case K::choice:
       return "string";
     case K::numbers:
-      return "array of finite numbers";
+      return "array of numbers";
     case K::texts:
       return "array of strings";
     case K::matrix:
-      return "array of rows of finite numbers, all of the same length";
+      return "array of rows of numbers";
     case K::table:
     case K::free_table:
       return "table";

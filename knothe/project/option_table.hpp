@@ -53,6 +53,7 @@ struct Option {
 [[nodiscard]] std::vector<Option> forecast_option_table();
 [[nodiscard]] std::vector<Option> serve_option_table();
 [[nodiscard]] std::vector<Option> picture_option_table();
+[[nodiscard]] std::vector<Option> field_option_table();
 
 /// All options, in the order of the reference.
 [[nodiscard]] std::span<const Option> option_table();

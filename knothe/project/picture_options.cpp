@@ -46,12 +46,11 @@ void add_picture_options(Section<G>& s) {
   s.add("mask", in(&G::series, &Series::mask), "Picture that is 0 where the surface is not to be measured.",
         file);
   s.add("roi", &G::roi,
-        "Two opposite corners of the mesh, [x0, y0, x1, y1], px, inclusive; default: those of the mask, or "
-        "of the largest rectangle that has a pattern, or of the picture less a margin of 10 px.",
+        "Two opposite corners of the mesh, [x0, y0, x1, y1], px, inclusive; default: the mask's, or the "
+        "largest rectangle with a pattern, or all but a margin of 10 px.",
         of_shape("two opposite corners, [x0, y0, x1, y1], px"), no_default);
   s.choice("mesh", &G::model_mesh, "region", "model",
-           "Elements over the region, or the model's own surface mesh (needs the model and a scale): the "
-           "model's displacements are then exactly those that can be measured.");
+           "Elements over the region, or the model's own surface mesh (needs the model and a scale).");
   s.add("mesh_file", &G::mesh_file,
         "Mesh of linear triangles and quadrilaterals to correlate on: Gmsh (.msh, ASCII, 4.1 or 2.2) or VTK "
         "(.vtu).",
@@ -60,8 +59,7 @@ void add_picture_options(Section<G>& s) {
            "Unit of that file: pixels of the reference picture (y down), or metres in the model's frame "
            "(needs a scale).");
   s.add("outline_margin", in(&G::series, &Series::outline_margin),
-        "Width of the band along the outline of the model's mesh, or of a mesh file, that is not used "
-        "because it shows the edge of the body, px.",
+        "Width of the band along the outline of such a mesh that is not used: it shows the body's edge, px.",
         non_negative);
   s.add("element_size", in(&G::series, &Series::element_size),
         "Size of the elements, px; adjusted to divide the region.", positive,
@@ -127,8 +125,8 @@ void add_crack_and_drift_options(Section<G>& s) {
 void add_registration_options(Section<G>& s) {
   s.choice(
       "registration", &G::by_outline, "given", "outline",
-      "Position of the picture in the model: given by scale and origin or by pixels and points; or fitted to "
-      "the body's outline, starting from these values. If none are given, the whole body must be in view.");
+      "Position of the picture in the model: by scale and origin or by pixels and points; or fitted to the "
+      "body's outline, from these values (without them the whole body must be in view).");
   s.add("outline", in(&G::fit, &OutlineRegistration::corners),
         "Corners of the body's face, [[right, up], …], m, one after the other; default: the model's face.",
         of_shape(k_points));
@@ -284,10 +282,11 @@ PictureOptions read_pictures(Values& values) {
   Recorded recorded = data_section().read(values);
   Given p = dic_section().read(values);
   p.folder = std::move(recorded.folder), p.times = std::move(recorded.times);
-  if (values.has("data.time_offset_std") && (p.folder.empty() || !values.has("data.file")))
-    values.complain(
-        "data.time_offset_std",
-        "\"data.time_offset_std\" is that of \"data.file\" against \"data.pictures\": it needs both");
+  const bool beside = !p.folder.empty() || values.has_table("data.fields");
+  if (values.has("data.time_offset_std") && !(beside && values.has("data.file")))
+    values.complain("data.time_offset_std",
+                    "\"data.time_offset_std\" is that of \"data.file\" against \"data.pictures\" or "
+                    "[data.fields]: it needs both");
   if (std::adjacent_find(p.times.begin(), p.times.end(), std::greater_equal<>()) != p.times.end())
     values.complain("data.times", "\"data.times\" must increase");
   if (p.folder.empty()) {

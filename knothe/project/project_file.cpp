@@ -95,6 +95,8 @@ Project parse_project(const std::string& text, const std::string& path) {
   project.umbridge = read_umbridge(values);
   if (values.has_table("observations")) project.observations = read_observations(values);
   project.pictures = read_pictures(values);
+  project.fields = read_field_options(values);
+  if (!project.fields.files.empty()) project.data = project.fields.files;
   if (values.has_table("offline")) project.offline = read_offline(values);
   if (values.has_table("simulate")) project.simulate = read_simulate(values);
   project.select = read_select(values);

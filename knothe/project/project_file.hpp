@@ -10,6 +10,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/model/observe/scalar_observations.hpp"
 #include "knothe/posterior/prior/prior.hpp"
+#include "knothe/project/field_options.hpp"
 #include "knothe/project/inference_options.hpp"
 #include "knothe/project/method_options.hpp"
 #include "knothe/project/offline_options.hpp"
@@ -36,7 +37,7 @@ struct Project {
   std::string text;                     ///< the file's text, written into every result
   std::string model;                    ///< separated model file, resolved; empty if none
   std::vector<std::string> candidates;  ///< further models to compare it with, resolved
-  std::string data;                     ///< measurements, resolved; empty if none
+  std::string data;                     ///< measurements (or the fields), resolved; empty if none
   std::string clock;                    ///< output that tells the time of the data; empty: their own times
   std::map<std::string, double> series_std;       ///< of series of the data file, in their units
   double time_offset_std = 0;                     ///< of the data file's clock against the pictures'
@@ -50,6 +51,7 @@ struct Project {
   std::optional<OfflineOptions> offline;
   std::optional<SimulateOptions> simulate;
   PictureOptions pictures;  ///< [dic] and [data] pictures
+  FieldOptions fields;      ///< [data.fields]
   SelectOptions select;
   std::vector<assimilation::ForecastSpecification> forecasts;
   ServeOptions serve;

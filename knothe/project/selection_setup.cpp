@@ -73,7 +73,7 @@ std::vector<std::size_t> model_candidates(const Project& project, const model::D
 }
 
 void set_up_from_data(const Project& project, SelectionSetup& setup) {
-  const likelihood::Measurements m = read_recorded(project);
+  const likelihood::Measurements m = read_recorded(project, setup.model.contents());
   std::vector<Eigen::Index> kept;
   for (Eigen::Index i = 0; i < m.noise.size(); ++i) {
     if (m.noise.measurement().is_measured(i)) kept.push_back(i);

@@ -193,8 +193,9 @@ UpdateSetup set_up(const Project& given, assimilation::Features features, bool l
   }
   if (!pictures && (project.data.empty() || !project.pictures.folder.empty()))
     pictures = std::make_shared<PictureMeasurements>(project, whole, live);
-  likelihood::Measurements measurements = pictures ? pictures->measurements() : read_recorded(project);
-  if (pictures && !project.data.empty()) add_series_beside_pictures(project, measurements);
+  likelihood::Measurements measurements =
+      pictures ? pictures->measurements() : read_recorded(project, whole.contents());
+  if (pictures && !project.data.empty()) add_series_beside(project, project.data, measurements);
   if (live)  // they come one by one
     for (const auto& [name, std] : project.series_std)
       measurements.series[name] = {

@@ -34,6 +34,11 @@ SeparatedForwardModel::SeparatedForwardModel(const ObservedModel& model,
   }
 }
 
+void SeparatedForwardModel::restrict_to(const std::vector<Eigen::Index>& outputs) {
+  matrix_ = Eigen::MatrixXd(matrix_(outputs, Eigen::all));
+  offset_ = Eigen::VectorXd(offset_(outputs));
+}
+
 void SeparatedForwardModel::functions_at(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives) {
   check_cancellation("the model was being evaluated");
   batch_.resize(points.cols(), points.rows(), functions_->count(), derivatives);

@@ -14,6 +14,9 @@ class SeparatedForwardModel final : public ForwardModel {
   /// `steps`: indices into the model's times. Errors: UsageError for a step that is not there.
   SeparatedForwardModel(const ObservedModel& model, const std::vector<std::size_t>& steps, std::string where);
 
+  /// Leaves out all but these outputs: the others were not measured.
+  void restrict_to(const std::vector<Eigen::Index>& outputs);
+
   [[nodiscard]] Eigen::Index dimension() const override { return functions_->dimension(); }
   [[nodiscard]] Eigen::Index output_count() const override { return offset_.size(); }
   [[nodiscard]] std::string where() const override { return where_; }

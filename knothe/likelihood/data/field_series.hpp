@@ -1,0 +1,28 @@
+#pragma once
+/// @file Fields of several steps as one series: the same points at all times.
+#include <Eigen/Core>
+#include <array>
+#include <span>
+#include <vector>
+
+#include "knothe/files/fields/exported_field.hpp"
+
+namespace knothe::likelihood {
+
+struct FieldSeries {
+  std::vector<std::array<double, 2>> points;  ///< n, of the reference, in the fields' unit, y down
+  Eigen::MatrixXd u, v;                       ///< n × steps; NaN where a point is lost
+};
+
+/// The points that are measured in at least one of the fields (`files::settle_field` has been called): by
+/// their ids where all fields have them, else by place, to a tenth of their distance. Of points closer than
+/// `min_distance` to an earlier one only that is kept. Errors: DataError for two points of a field in one
+/// place, and for an id that is elsewhere in another file.
+[[nodiscard]] FieldSeries join_fields(const std::vector<files::ExportedField>& fields,
+                                      double min_distance = 0);
+
+/// Standard deviation of what fields of a body at rest show, u and v together; their mean counts as an error
+/// too. DataError where nothing is measured, or all is exactly 0: the reference itself.
+[[nodiscard]] double static_std(const std::vector<files::ExportedField>& fields);
+
+}  // namespace knothe::likelihood
