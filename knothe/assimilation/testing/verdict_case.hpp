@@ -12,7 +12,7 @@
 
 namespace knothe::assimilation::test {
 
-inline constexpr Eigen::Index k_sensors = 24, k_times = 30;
+inline constexpr Eigen::Index k_case_sensors = 24, k_case_times = 30;
 
 inline likelihood::DatumPointer datum_of(std::size_t step, std::size_t time_index,
                                          const Eigen::VectorXd& values) {
@@ -25,7 +25,7 @@ struct Bench {
   std::shared_ptr<const model::ObservedModel> model;
   model::Sensors sensors;
   likelihood::NoiseModel noise =
-      likelihood::NoiseModel::independent(Eigen::VectorXd::Constant(k_sensors, 0.1));
+      likelihood::NoiseModel::independent(Eigen::VectorXd::Constant(k_case_sensors, 0.1));
   std::vector<posterior::Prior> priors;
   Eigen::Vector2d truth{0.9, 1.2};
   Eigen::MatrixXd data;
@@ -33,7 +33,7 @@ struct Bench {
 
   explicit Bench(unsigned seed = 1) {
     auto made = std::make_shared<model::ObservedModel>(*likelihood::test::random_model(
-        std::make_shared<likelihood::test::CurvedFunctions>(), k_sensors, 4, k_times, 3));
+        std::make_shared<likelihood::test::CurvedFunctions>(), k_case_sensors, 4, k_case_times, 3));
     // Smooth in time, as a test is: a random walk of small steps.
     for (std::size_t t = 1; t < made->core.size(); ++t) {
       made->core[t] = made->core[t - 1] + 0.2 * made->core[t];
@@ -42,14 +42,14 @@ struct Bench {
     }
     made->parameters = {"a", "b"};
     model = made;
-    for (std::size_t i = 0; i < k_sensors; ++i) {
+    for (std::size_t i = 0; i < k_case_sensors; ++i) {
       const std::array<double, 3> at = {0.1 * static_cast<double>(i / 2), 0, 0};
       sensors.add(at, static_cast<std::int64_t>(i % 2));
     }
     priors = {posterior::Prior::normal(1, 0.3).truncated(0.5, 1.5, "a"),
               posterior::Prior::normal(1, 0.3).truncated(0.5, 1.5, "b")};
     data = likelihood::test::synthetic_data(*model, truth, noise.measurement().standard_deviations(), seed);
-    for (std::size_t t = 0; t < k_times; ++t) times.push_back(t);
+    for (std::size_t t = 0; t < k_case_times; ++t) times.push_back(t);
   }
 
   /// The verdict after all data.

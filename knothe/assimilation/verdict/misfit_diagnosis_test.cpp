@@ -15,8 +15,8 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using test::Bench;
-using test::k_sensors;
-using test::k_times;
+using test::k_case_sensors;
+using test::k_case_times;
 
 TEST(Verdict, NamesWhatIsWrongWithTheData) {
   Bench bench;
@@ -27,18 +27,18 @@ TEST(Verdict, NamesWhatIsWrongWithTheData) {
   bench.data = 1e3 * right;
   EXPECT_EQ(bench.cause(), MisfitCause::scale);
   bench.data = right;
-  for (Index i = 1; i < k_sensors; i += 2) bench.data.row(i) *= -1;
+  for (Index i = 1; i < k_case_sensors; i += 2) bench.data.row(i) *= -1;
   EXPECT_EQ(bench.cause(), MisfitCause::sign);
-  for (Index i = 0; i < k_sensors; i += 2) {
+  for (Index i = 0; i < k_case_sensors; i += 2) {
     bench.data.row(i) = right.row(i + 1);
     bench.data.row(i + 1) = right.row(i);
   }
   EXPECT_EQ(bench.cause(), MisfitCause::component);
-  for (Index i = 0; i < k_sensors; ++i) bench.data.row(i) = right.row((i + 7) % k_sensors);
+  for (Index i = 0; i < k_case_sensors; ++i) bench.data.row(i) = right.row((i + 7) % k_case_sensors);
   EXPECT_EQ(bench.cause(), MisfitCause::sensor_order);
   bench.data = right;
-  bench.data.leftCols(k_times - 2) = right.rightCols(k_times - 2);
-  bench.data.conservativeResize(Eigen::NoChange, k_times - 2);
+  bench.data.leftCols(k_case_times - 2) = right.rightCols(k_case_times - 2);
+  bench.data.conservativeResize(Eigen::NoChange, k_case_times - 2);
   EXPECT_EQ(bench.cause(), MisfitCause::time_shift);
   bench.data = right;
   bench.data(3, 4) += 50;
@@ -55,7 +55,7 @@ TEST(Verdict, NamesWhatIsWrongWithTheData) {
   bench.data = right;
   for (const double factor : {0.3, 3.0}) {
     bench.data = right;
-    bench.noise = likelihood::NoiseModel::independent(VectorXd::Constant(k_sensors, 0.1 * factor));
+    bench.noise = likelihood::NoiseModel::independent(VectorXd::Constant(k_case_sensors, 0.1 * factor));
     EXPECT_EQ(bench.cause(), MisfitCause::noise_level) << factor;
   }
 }
@@ -75,14 +75,14 @@ void expect_named(const Bench& bench, MisfitCause cause, const std::string& word
 }
 
 /// Data whose time is `time_of` the step, with noise.
-Bench timed(const std::function<double(double)>& time_of, Index count = k_times, unsigned seed = 1) {
+Bench timed(const std::function<double(double)>& time_of, Index count = k_case_times, unsigned seed = 1) {
   Bench bench(seed);
   std::mt19937 random(seed);
   std::normal_distribution<double> normal;
-  bench.data.resize(k_sensors, count);
+  bench.data.resize(k_case_sensors, count);
   for (Index t = 0; t < count; ++t) {
-    const double at = std::clamp(time_of(static_cast<double>(t)), 0.0, k_times - 1.0);
-    const auto below = std::min(static_cast<std::size_t>(at), static_cast<std::size_t>(k_times) - 2);
+    const double at = std::clamp(time_of(static_cast<double>(t)), 0.0, k_case_times - 1.0);
+    const auto below = std::min(static_cast<std::size_t>(at), static_cast<std::size_t>(k_case_times) - 2);
     const double share = at - static_cast<double>(below);
     bench.data.col(t) = (1 - share) * bench.model->predict(bench.truth, below) +
                         share * bench.model->predict(bench.truth, below + 1);
@@ -93,29 +93,30 @@ Bench timed(const std::function<double(double)>& time_of, Index count = k_times,
 
 TEST(MisfitDiagnosis, AFrameThatIsLostOrTooManyIsNamedWithItsStep) {
   for (const int at : {8, 12, 20}) {
-    expect_named(timed([at](double t) { return t < at ? t : t + 1; }, k_times - 1), MisfitCause::lost_frame,
+    expect_named(timed([at](double t) { return t < at ? t : t + 1; }, k_case_times - 1),
+                 MisfitCause::lost_frame,
                  "from step " + std::to_string(at) + " on the data match the model 1 step later: a picture");
     expect_named(timed([at](double t) { return t < at ? t : t - 1; }), MisfitCause::lost_frame,
                  "from step " + std::to_string(at) +
                      " on the data match the model 1 step earlier: there is one too many");
   }
-  expect_named(timed([](double t) { return t < 10 ? t : t + 2; }, k_times - 2), MisfitCause::lost_frame,
+  expect_named(timed([](double t) { return t < 10 ? t : t + 2; }, k_case_times - 2), MisfitCause::lost_frame,
                "from step 10 on the data match the model 2 steps later");
 }
 
 TEST(MisfitDiagnosis, ATimeBaseThatIsBentIsNoShift) {
   for (const double most : {1.0, -1.5})
-    expect_named(timed([most](double t) { return t + most * std::sin(M_PI * t / (k_times - 1)); }),
+    expect_named(timed([most](double t) { return t + most * std::sin(M_PI * t / (k_case_times - 1)); }),
                  MisfitCause::time_base,
                  most > 0 ? "steps later (about step 1" : "steps earlier (about step 1");
-  expect_named(timed([](double t) { return t + 1.5; }, k_times - 2), MisfitCause::time_shift,
+  expect_named(timed([](double t) { return t + 1.5; }, k_case_times - 2), MisfitCause::time_shift,
                "1.5 steps later");
 }
 
 TEST(MisfitDiagnosis, AFactorInAPartOfThePictureIsNamedWithThePart) {
   for (const double factor : {1.05, 0.9}) {
     Bench bench;
-    for (Index i = 0; i < k_sensors; ++i)
+    for (Index i = 0; i < k_case_sensors; ++i)
       if (bench.sensors.point(i)[0] > 0.55) bench.data.row(i) *= factor;
     expect_named(bench, MisfitCause::scale, "displacements at x");
     EXPECT_NE(fit_reason(bench).message.find("0.6 m look like the model's times "), std::string::npos);
@@ -140,10 +141,10 @@ TEST(MisfitDiagnosis, ConstantsOfTheSensorsAreNamedAndWithAShiftAPreload) {
   Bench bench;
   std::mt19937 random(7);
   std::normal_distribution<double> normal;
-  for (Index i = 0; i < k_sensors; ++i) bench.data.row(i).array() += 0.5 * normal(random);
+  for (Index i = 0; i < k_case_sensors; ++i) bench.data.row(i).array() += 0.5 * normal(random);
   expect_named(bench, MisfitCause::offset,
                "every sensor is off by a constant of its own: the reference picture");
-  Bench preloaded = timed([](double t) { return t + 3; }, k_times - 3);
+  Bench preloaded = timed([](double t) { return t + 3; }, k_case_times - 3);
   preloaded.data.colwise() -= VectorXd(preloaded.model->predict(preloaded.truth, 3));
   expect_named(preloaded, MisfitCause::offset, "3 steps later: the zero was taken under a preload");
 }
@@ -152,7 +153,8 @@ TEST(MisfitDiagnosis, ConstantsOfTheSensorsAreNamedAndWithAShiftAPreload) {
 TEST(MisfitDiagnosis, SmoothedDataAreNoOrderOfTheSensors) {
   Bench bench;
   const MatrixXd right = bench.data;
-  for (Index t = 2; t + 2 < k_times; ++t) bench.data.col(t) = right.middleCols(t - 2, 5).rowwise().mean();
+  for (Index t = 2; t + 2 < k_case_times; ++t)
+    bench.data.col(t) = right.middleCols(t - 2, 5).rowwise().mean();
   const VerdictReason reason = fit_reason(bench);
   ASSERT_TRUE(reason.cause);
   EXPECT_NE(*reason.cause, MisfitCause::sensor_order) << reason.message;
@@ -163,9 +165,9 @@ TEST(MisfitDiagnosis, WhatAnotherModelAddsHasNoNamedCause) {
   for (unsigned seed = 1; seed <= 5; ++seed) {
     Bench bench;
     const auto other = likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(),
-                                                      k_sensors, 4, k_times, 100 + seed);
-    VectorXd more = VectorXd::Zero(k_sensors);  // smooth in time, as the data are
-    for (Index t = 0; t < k_times; ++t) {
+                                                      k_case_sensors, 4, k_case_times, 100 + seed);
+    VectorXd more = VectorXd::Zero(k_case_sensors);  // smooth in time, as the data are
+    for (Index t = 0; t < k_case_times; ++t) {
       more += 0.1 * other->predict(bench.truth, static_cast<std::size_t>(t));
       bench.data.col(t) += more;
     }

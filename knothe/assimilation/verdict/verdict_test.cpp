@@ -20,8 +20,8 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using test::Bench;
 using test::datum_of;
-using test::k_sensors;
-using test::k_times;
+using test::k_case_sensors;
+using test::k_case_times;
 
 VerdictReason reason(VerdictPart part, VerdictLevel level) {
   return {part, level, 0, 0, "", {}};
@@ -84,7 +84,7 @@ TEST(Verdict, OfTruthsFromThePriorIsOkWhateverTheDataSay) {
     bench.priors = {posterior::Prior::normal(0.9, 0.1), posterior::Prior::normal(1.1, 0.15)};
     for (posterior::Prior& prior : bench.priors) prior = prior.truncated(0.5, 1.5, "p");
     bench.noise = likelihood::NoiseModel::independent(
-        VectorXd::Constant(k_sensors, std::array{0.1, 1.0, 4.0, 12.0}[seed % 4]));
+        VectorXd::Constant(k_case_sensors, std::array{0.1, 1.0, 4.0, 12.0}[seed % 4]));
     std::mt19937 random(seed);
     std::normal_distribution<double> normal;
     for (Index a = 0; a < 2; ++a)
@@ -106,7 +106,7 @@ TEST(Verdict, OfTruthsFromThePriorIsOkWhateverTheDataSay) {
 TEST(Verdict, SaysWhereThePriorContradictsTheData) {
   for (const double noise : {0.1, 1.0}) {
     Bench bench;
-    bench.noise = likelihood::NoiseModel::independent(VectorXd::Constant(k_sensors, noise));
+    bench.noise = likelihood::NoiseModel::independent(VectorXd::Constant(k_case_sensors, noise));
     bench.data = likelihood::test::synthetic_data(*bench.model, bench.truth,
                                                   bench.noise.measurement().standard_deviations(), 4);
     const auto count = [&] {
@@ -148,9 +148,9 @@ TEST(Verdict, SeesADatumThatIsRepeatedAndNoiseThatIsCorrelated) {
   }
   Bench slow;
   MatrixXd noise = slow.data;
-  for (Index t = 0; t < k_times; ++t)
+  for (Index t = 0; t < k_case_times; ++t)
     noise.col(t) -= slow.model->predict(slow.truth, static_cast<std::size_t>(t));
-  for (Index t = 1; t < k_times; ++t) {
+  for (Index t = 1; t < k_case_times; ++t) {
     const VectorXd next = 0.8 * noise.col(t - 1) + 0.6 * noise.col(t);
     slow.data.col(t) += next - noise.col(t);
     noise.col(t) = next;
@@ -162,8 +162,8 @@ TEST(Verdict, SeesADatumThatIsRepeatedAndNoiseThatIsCorrelated) {
 /// that of the marginal of what is there.
 TEST(ResidualTests, MissingValuesOfCorrelatedNoiseAreIntegratedOut) {
   const Bench bench;
-  MatrixXd precision = MatrixXd::Zero(k_sensors, k_sensors);
-  for (Index i = 0; i < k_sensors; ++i) {
+  MatrixXd precision = MatrixXd::Zero(k_case_sensors, k_case_sensors);
+  for (Index i = 0; i < k_case_sensors; ++i) {
     precision(i, i) = 120;
     if (i > 0) precision(i, i - 1) = precision(i - 1, i) = 40;
   }
@@ -176,11 +176,11 @@ TEST(ResidualTests, MissingValuesOfCorrelatedNoiseAreIntegratedOut) {
   const Eigen::Vector3d w(a * b, a * a * std::sin(b), 1 / (a + b * b));
   const ResidualReport report = tests.examine(data, w, 1, 2);
   std::vector<Index> kept;
-  for (Index i = 0; i < k_sensors; ++i)
+  for (Index i = 0; i < k_case_sensors; ++i)
     if (!std::isnan(some[i])) kept.push_back(i);
   const VectorXd residual = (some - bench.model->predict(bench.truth, 3))(kept);
   const MatrixXd covariance = precision.inverse()(kept, kept);
-  EXPECT_EQ(report.values, k_sensors - 3);
+  EXPECT_EQ(report.values, k_case_sensors - 3);
   EXPECT_NEAR(report.misfit, residual.dot(covariance.inverse() * residual), 1e-9 * report.misfit);
 }
 
@@ -188,7 +188,7 @@ TEST(Verdict, StudentTValuesAreCarriedToNormalOnes) {
   Bench bench;
   std::mt19937 random(5);
   std::student_t_distribution<double> student(4);
-  for (Index t = 0; t < k_times; ++t) {
+  for (Index t = 0; t < k_case_times; ++t) {
     bench.data.col(t) = bench.model->predict(bench.truth, static_cast<std::size_t>(t));
     for (double& value : bench.data.col(t)) value += 0.1 * student(random);
   }
@@ -211,7 +211,7 @@ TEST(Verdict, OfAStudentTLikelihoodIsOkWithNormalNoise) {
     setup.robust.degrees_of_freedom = seed % 2 == 0 ? 4 : 8;
     Engine engine(setup);
     Verdict last;
-    for (std::size_t t = 0; t < k_times; ++t)
+    for (std::size_t t = 0; t < k_case_times; ++t)
       last = engine.assimilate({{}, t, t, bench.data.col(static_cast<Index>(t)), {}}).update.verdict;
     not_ok += last.level != VerdictLevel::ok ? 1 : 0;
   }
@@ -224,19 +224,19 @@ TEST(Verdict, SaysWhereAForceAndTheDisplacementsAskForDifferentParameters) {
   for (unsigned seed = 1; seed <= 20; ++seed) {
     Bench bench(seed);
     model::Sensors sensors;
-    for (std::size_t i = 0; i + 1 < k_sensors; ++i)
+    for (std::size_t i = 0; i + 1 < k_case_sensors; ++i)
       sensors.add(bench.sensors.point(i), bench.sensors.components[i]);
     sensors.scalars = {"force"};
     bench.sensors = sensors;
-    VectorXd std = VectorXd::Constant(k_sensors, 0.1);
-    std[k_sensors - 1] = 0.01;
+    VectorXd std = VectorXd::Constant(k_case_sensors, 0.1);
+    std[k_case_sensors - 1] = 0.01;
     bench.noise = likelihood::NoiseModel::independent(std);
     const auto with_force_of = [&](const Eigen::Vector2d& p) {
       bench.data = likelihood::test::synthetic_data(*bench.model, bench.truth, std, seed);
-      for (Index t = 0; t < k_times; ++t)
-        bench.data(k_sensors - 1, t) +=
+      for (Index t = 0; t < k_case_times; ++t)
+        bench.data(k_case_sensors - 1, t) +=
             (bench.model->predict(p, static_cast<std::size_t>(t)) -
-             bench.model->predict(bench.truth, static_cast<std::size_t>(t)))[k_sensors - 1];
+             bench.model->predict(bench.truth, static_cast<std::size_t>(t)))[k_case_sensors - 1];
       const Verdict verdict = bench.verdict();
       return verdict.misfit() == nullptr ? std::string() : verdict.misfit()->message;
     };
@@ -255,20 +255,20 @@ TEST(Verdict, SaysWhereAForceAndTheDisplacementsAskForDifferentParameters) {
 TEST(Verdict, ShiftByTheModelsErrorIsThatOfTheConjugateFormula) {
   const Index d = 3;
   auto made = std::make_shared<model::ObservedModel>(*likelihood::test::random_model(
-      std::make_shared<likelihood::test::LinearFunctions>(d), k_sensors, 5, k_times, 7));
+      std::make_shared<likelihood::test::LinearFunctions>(d), k_case_sensors, 5, k_case_times, 7));
   made->parameters = {"a", "b", "c"};
   const std::vector<posterior::Prior> priors(3, posterior::Prior::normal(1, 2));
-  const VectorXd std = VectorXd::Constant(k_sensors, 5.0);
+  const VectorXd std = VectorXd::Constant(k_case_sensors, 5.0);
   const likelihood::NoiseModel noise = likelihood::NoiseModel::independent(std);
   const MatrixXd data = likelihood::test::synthetic_data(*made, VectorXd::Ones(d), std, 2);
   model::ObservedErrors errors;
   std::mt19937 random(3);
   std::normal_distribution<double> normal;
-  errors.space = MatrixXd::NullaryExpr(k_sensors, 2, [&] { return normal(random); });
+  errors.space = MatrixXd::NullaryExpr(k_case_sensors, 2, [&] { return normal(random); });
   MatrixXd precision = MatrixXd::Identity(d, d) / 4, moved = MatrixXd::Zero(d, 8);
   SequentialUpdate update(made, noise, priors);
   std::vector<likelihood::DatumPointer> examined;
-  for (Index t = 0; t < k_times; ++t) {
+  for (Index t = 0; t < k_case_times; ++t) {
     const auto step = static_cast<std::size_t>(t);
     update.update(step, step, data.col(t));
     examined.push_back(datum_of(step, step, data.col(t)));
@@ -301,7 +301,7 @@ TEST(Verdict, APosteriorPressedAgainstAnEdgeIsRejected) {
   // The truth is far beyond the lower end: the data are those of w at a point that the model does not have.
   const double a = 0.3, b = 1.2;
   const VectorXd w = Eigen::Vector3d(a * b, a * a * std::sin(b), 1 / (a + b * b));
-  for (Index t = 0; t < k_times; ++t) {
+  for (Index t = 0; t < k_case_times; ++t) {
     bench.data.col(t) =
         bench.model->lift.col(t) + bench.model->space * (bench.model->core[static_cast<std::size_t>(t)] * w);
     for (double& value : bench.data.col(t)) value += 0.1 * normal(random);
