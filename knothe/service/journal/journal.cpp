@@ -40,6 +40,7 @@ struct Chains {
   Chain withdrawals{"withdrawals", 0};  ///< begins otherwise: no release can be taken for one
   Chain alarms{"alarms", 0};
   Chain logbook{"logbook", 0};
+  Chain files{"files", 0};
 };
 
 /// The last record of a key.
@@ -215,6 +216,7 @@ struct JournalReader::Implementation {
                           twice.integer(0)));
     if (schema_of(database) >= 4) verify_alarms();
     verify_logbook();
+    verify_files();
   }
 
   void verify_logbook() {
@@ -223,6 +225,16 @@ struct JournalReader::Implementation {
       if (entry.number != chain.count + 1 || seal != entry_seal(chain.seal, entry))
         damaged(fmt::format("entry {} of the journal's logbook is damaged", chain.count + 1));
       chain = {seal, entry.number};
+      return true;
+    });
+  }
+
+  void verify_files() {
+    Chain& chain = chains.files;
+    visit_files(database, [&](std::int64_t number, const JournalFile& file, const std::string& seal) {
+      if (number != chain.count + 1 || seal != file_seal(chain.seal, number, file))
+        damaged(fmt::format("file {} of the journal is damaged", chain.count + 1));
+      chain = {seal, number};
       return true;
     });
   }
@@ -422,9 +434,30 @@ LogbookEntry Journal::add_entry(LogbookEntry entry) {
   return entry;
 }
 
-bool Journal::holds(const likelihood::DatumKey& key) const {
+void Journal::add_file(const JournalFile& file) {
+  Implementation& i = *implementation_;
+  Chain& chain = i.chains.files;
+  const std::string seal = file_seal(chain.seal, chain.count + 1, file), outcome = to_text(file.outcome);
+  Statement row(i.database, "INSERT INTO file VALUES(?,?,?,?,?,?,?)");
+  row.bind(1, chain.count + 1).bind(2, std::string_view(file.source)).bind(3, std::string_view(file.name));
+  row.bind(4, std::string_view(file.digest)).bind(5, std::string_view(outcome));
+  row.bind(6, file.seq).bind_blob(7, seal);
+  row.run();
+  chain = {seal, chain.count + 1};
+}
+
+std::optional<bool> Journal::withdrawn(const likelihood::DatumKey& key) const {
   const auto found = implementation_->find_last(key);
-  return found && !found->withdrawn;
+  return found ? std::optional(found->withdrawn) : std::nullopt;
+}
+
+std::vector<JournalFile> JournalReader::files() const {
+  std::vector<JournalFile> files;
+  visit_files(implementation_->database, [&](std::int64_t, const JournalFile& file, const std::string&) {
+    files.push_back(file);
+    return true;
+  });
+  return files;
 }
 
 std::vector<LogbookEntry> JournalReader::logbook() const {

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "knothe/service/journal/alarm.hpp"
+#include "knothe/service/journal/journal_file.hpp"
 #include "knothe/service/journal/logbook.hpp"
 #include "knothe/service/journal/measurement.hpp"
 
@@ -91,6 +92,8 @@ class JournalReader {
   [[nodiscard]] std::vector<Alarm> conditions() const;
   /// All entries, in order.
   [[nodiscard]] std::vector<LogbookEntry> logbook() const;
+  /// Files of watched folders, in the order of their writing.
+  [[nodiscard]] std::vector<JournalFile> files() const;
 
  protected:
   enum class Access { write, read };
@@ -144,8 +147,11 @@ class Journal : public JournalReader {
   /// Writes an entry, inside a group: as it is on disk, with its number and time of writing.
   LogbookEntry add_entry(LogbookEntry entry);
 
-  /// Whether there is a datum of that key that is not withdrawn.
-  [[nodiscard]] bool holds(const likelihood::DatumKey& key) const;
+  /// Keeps what became of a file, inside a group.
+  void add_file(const JournalFile& file);
+
+  /// Whether the last datum of that key is withdrawn; nothing where there is none.
+  [[nodiscard]] std::optional<bool> withdrawn(const likelihood::DatumKey& key) const;
   /// The `most` largest of the records that are not withdrawn, the largest first.
   [[nodiscard]] std::vector<std::int64_t> largest_seqs(const std::string& source, const std::string& session,
                                                        std::size_t most) const;

@@ -22,6 +22,9 @@ struct Measurement {
   std::string noise;                 ///< its own (noise_bytes.hpp); empty: that of the sensors
   std::int64_t step = 0;             ///< index of the model time
   std::int64_t received_ms = 0;      ///< Unix time of its arrival; nothing depends on it
+  /// Whether it takes the place of a datum of its key that was withdrawn: not where it comes again by itself,
+  /// from a watched folder or a broker that has kept it.
+  bool restores = true;
   /// As sent in place of `values`: those of series by name, all else missing. Empty once the site, which
   /// knows its sensors, has made values of them (`set_values_of_series`).
   std::map<std::string, double> series;

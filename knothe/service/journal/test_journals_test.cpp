@@ -127,23 +127,17 @@ TEST(TestJournals, AGlanceTellsWhetherATestIsUsed) {
   EXPECT_FALSE(glance_at_journal(path).finished);
 }
 
-TEST(TestJournals, ATestHasItsTurnsBetweenItsEntries) {
+TEST(TestJournals, ACourseEndsAndIsFollowed) {
   const auto entry = [](EntryKind kind, std::int64_t at) {
     return LogbookEntry{0, kind, 0, 0, "Ada", "b", at};
   };
   TestCourse first, begun;
-  EXPECT_TRUE(first.had_turn_at(0));
   first.add(entry(EntryKind::test_followed, 100));
   first.add(entry(EntryKind::test_resumed, 200));
+  EXPECT_FALSE(first.end());
   first.add(entry(EntryKind::test_finished, 300));
   begun.add(entry(EntryKind::test_begun, 100));
   begun.add(entry(EntryKind::test_followed, 200));
-  for (const auto& [at, of_first] :
-       {std::pair{50, true}, {99, true}, {100, false}, {199, false}, {200, true}, {400, true}})
-    EXPECT_EQ(first.had_turn_at(at), of_first) << at;
-  for (const auto& [at, of_begun] :
-       {std::pair{50, false}, {99, false}, {100, true}, {199, true}, {200, false}, {400, false}})
-    EXPECT_EQ(begun.had_turn_at(at), of_begun) << at;
   EXPECT_EQ(first.end()->kind, EntryKind::test_finished);
   EXPECT_EQ(begun.followed_by(), "b");
 }

@@ -123,8 +123,7 @@ void JournalWriter::stop() {
 
 void JournalWriter::finish() {
   try {
-    if (!alarms_.empty()) write_alarms(alarms_);
-    alarms_.clear();
+    write_aside();
     if (journal_.in_place()) (void)journal_.checkpoint();
   } catch (const std::exception& error) {
     log_event("error", "the journal could not be closed in order",
@@ -151,11 +150,6 @@ void JournalWriter::count(const std::string& outcome) {
     ++outcomes_[outcome];
   }
   metrics_.count("knothe_measurements_total", site_labels(options_.site, "outcome=\"" + outcome + "\""));
-}
-
-bool JournalWriter::holds(const likelihood::DatumKey& key) const {
-  const std::lock_guard lock(mutex_);
-  return from_folders_.contains(key);
 }
 
 std::optional<Measurement> JournalWriter::last_frame() const {
@@ -221,9 +215,9 @@ void JournalWriter::replay() {
   {
     const std::lock_guard lock(mutex_);
     quarantine_ = std::move(held);
-    from_folders_ = std::move(from_folders);
     last_frame_ = std::move(last_frame);
   }
+  files_.restore(journal_.files(), std::move(from_folders));
   log_event("info", "journal opened",
             {{"site", options_.site},
              {"journal", journal_.path()},
@@ -324,12 +318,12 @@ void JournalWriter::commit_loop() {
         requests_.pop_front();
       }
     }
-    bool alarms = false;
+    bool aside = false;
     {
       const std::lock_guard lock(mutex_);
-      alarms = !alarms_.empty() && trouble_.empty();
+      aside = (!alarms_.empty() || files_.has_unwritten()) && trouble_.empty();
     }
-    if (group.empty() && !alarms) {
+    if (group.empty() && !aside) {
       look_after_journal();
     } else {
       commit(group);
@@ -359,11 +353,13 @@ void JournalWriter::set_trouble(const std::string& trouble) {
   trouble_ = trouble;
 }
 
-/// By themselves. What cannot be kept is said.
-void JournalWriter::write_alarms(const std::deque<Alarm>& alarms) {
+/// Alarms and files, by themselves. What cannot be kept is said.
+void JournalWriter::write_aside() {
+  if (alarms_.empty() && !files_.has_unwritten()) return;
   try {
     journal_.begin();
-    for (const Alarm& alarm : alarms) journal_.add_alarm(alarm);
+    for (const Alarm& alarm : std::exchange(alarms_, {})) journal_.add_alarm(alarm);
+    for (const JournalFile& file : files_.take_unwritten()) journal_.add_file(file);
     journal_.commit();
   } catch (const std::exception& error) {
     journal_.rollback();
@@ -397,10 +393,12 @@ void JournalWriter::commit(std::vector<Request>& group) {
     const std::lock_guard lock(mutex_);
     alarms.swap(alarms_);
   }
+  const std::deque<JournalFile> files = files_.take_unwritten();
   try {
     journal_.begin();
     for (Request& request : group) answers.push_back(write(request, written));
     for (const Alarm& alarm : alarms) journal_.add_alarm(alarm);
+    for (const JournalFile& file : files) journal_.add_file(file);
     journal_.commit();
     checkpointed_ = false;
   } catch (const std::exception& error) {
@@ -416,14 +414,15 @@ void JournalWriter::commit(std::vector<Request>& group) {
   if (trouble.empty()) {
     trouble = refuse_if_misplaced(answers);
   } else {
+    files_.put_back(files);
     const std::lock_guard lock(mutex_);
     alarms_.insert(alarms_.begin(), alarms.begin(), alarms.end());
   }
   metrics_.observe("knothe_phase_seconds", site_labels(options_.site, "phase=\"commit\""),
                    seconds_since(start));
+  for (const likelihood::DatumKey& key : written.from_folders) files_.hold(key);
   {
     const std::lock_guard lock(mutex_);
-    from_folders_.insert(written.from_folders.begin(), written.from_folders.end());
     quarantine_.insert(quarantine_.end(), written.quarantined.begin(), written.quarantined.end());
     for (const JournalEntry& gone : written.no_longer_quarantined)
       std::erase_if(quarantine_, [&](const JournalEntry& held) { return held.id == gone.id; });
@@ -556,7 +555,14 @@ void JournalWriter::count_seq(const likelihood::DatumKey& key) {
 }
 
 JournalWriter::Answer JournalWriter::write(Measurement& datum, MonotonicTime at, Written& written) {
-  if (course_.end() && !journal_.holds(datum.key)) return refusal_after(*course_.end());
+  const auto withdrawn = journal_.withdrawn(datum.key);
+  if (course_.end() && withdrawn.value_or(true)) return refusal_after(*course_.end());
+  if (!datum.restores && withdrawn.value_or(false))
+    return RequestError(
+        409, "Withdrawn",
+        fmt::format("source \"{}\", session \"{}\", seq {} was withdrawn, and what comes again by "
+                    "itself does not restore it: send it under another key",
+                    datum.key.source, datum.key.session, datum.key.seq));
   const auto& largest = largest_seqs_[{datum.key.source, datum.key.session}];
   const bool late = std::ssize(largest) > options_.window && largest.back() > datum.key.seq;
   Measurement seen = switches_.seen(datum);

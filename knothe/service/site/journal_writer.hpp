@@ -17,6 +17,7 @@
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/update_setup.hpp"
 #include "knothe/service/journal/journal.hpp"
+#include "knothe/service/site/file_register.hpp"
 #include "knothe/service/site/log.hpp"
 #include "knothe/service/site/metrics.hpp"
 #include "knothe/service/site/site_logbook.hpp"
@@ -108,8 +109,8 @@ class JournalWriter {
   void enter(LogbookEntry entry, std::function<void(Answer)> done);
   /// The same, and waits until it is on disk: as it is there. RequestError where it is not.
   LogbookEntry enter(LogbookEntry entry);
-  /// Whether a datum that came from a watched folder is in the journal.
-  [[nodiscard]] bool holds(const likelihood::DatumKey& key) const;
+  /// What became of the files of watched folders.
+  [[nodiscard]] FileRegister& files() { return files_; }
   /// The last datum of a camera that was in the journal at the start, without its values.
   [[nodiscard]] std::optional<Measurement> last_frame() const;
   void count(const std::string& outcome);  ///< of a request that did not get so far: "malformed"
@@ -133,7 +134,7 @@ class JournalWriter {
   void replay();
   void commit_loop();
   void look_after_journal();
-  void write_alarms(const std::deque<Alarm>& alarms);
+  void write_aside();
   void commit(std::vector<Request>& group);
   /// What is true once a group is on disk.
   struct Written {
@@ -173,7 +174,8 @@ class JournalWriter {
   LargestSeqs largest_seqs_;
   void count_seq(const likelihood::DatumKey& key);
   SensorSwitches switches_;  ///< of the thread
-  TestCourse course_;        ///< of the thread
+  FileRegister files_;
+  TestCourse course_;  ///< of the thread
   void apply(const LogbookEntry& entry);
 
   mutable std::mutex mutex_;  ///< everything below
@@ -184,7 +186,6 @@ class JournalWriter {
   std::string trouble_;  ///< why nothing can be written; empty: it can
   std::vector<JournalEntry> quarantine_;
   std::map<std::string, std::int64_t> outcomes_;
-  std::set<likelihood::DatumKey> from_folders_;
   std::optional<Measurement> last_frame_;
 
   std::thread thread_;
