@@ -45,6 +45,7 @@ struct Chains {
 
 /// The last record of a key.
 struct Found {
+  std::int64_t id = 0;
   std::string payload;
   double time = 0;
   std::int64_t step = 0;
@@ -95,7 +96,7 @@ struct JournalReader::Implementation {
     starts = one_integer(database, "SELECT value FROM meta WHERE key = 'starts'");
     insert.emplace(database, "INSERT INTO measurement VALUES(?,?,?,?,?,?,?,?,?,?,?)");
     find.emplace(database,
-                 "SELECT m.payload, m.time, m.step, m.quarantined, r.id, w.id FROM measurement m "
+                 "SELECT m.id, m.payload, m.time, m.step, m.quarantined, r.id, w.id FROM measurement m "
                  "LEFT JOIN release r ON r.measurement = m.id LEFT JOIN withdrawal w ON w.measurement = m.id "
                  "WHERE m.source = ? AND m.session = ? AND m.seq = ? ORDER BY m.id DESC LIMIT 1");
     told.journal = id;
@@ -277,19 +278,24 @@ struct JournalReader::Implementation {
     find->bind(1, std::string_view(key.source)).bind(2, std::string_view(key.session)).bind(3, key.seq);
     std::optional<Found> found;
     if (find->step())
-      found = {std::string(find->text(0)), find->number(1), find->integer(2),
-               find->is_null(4) ? Quarantine::of_code(find->integer(3)) : Quarantine(), !find->is_null(5)};
+      found = {find->integer(0),
+               std::string(find->text(1)),
+               find->number(2),
+               find->integer(3),
+               find->is_null(5) ? Quarantine::of_code(find->integer(4)) : Quarantine(),
+               !find->is_null(6)};
     find->reset();
     return found;
   }
 
-  std::optional<JournalEntry> last_entry(const likelihood::DatumKey& key) {
-    Statement row(
-        database,
-        select_records(database,
-                       "WHERE m.source = ? AND m.session = ? AND m.seq = ? ORDER BY m.id DESC LIMIT 1")
-            .c_str());
+  std::optional<JournalEntry> entry_of(const RecordName& name) {
+    std::string condition = "WHERE m.source = ? AND m.session = ? AND m.seq = ? ";
+    if (name.which == RecordName::Which::numbered) condition += "AND m.id = ? ";
+    condition += name.which == RecordName::Which::first ? "ORDER BY m.id" : "ORDER BY m.id DESC";
+    Statement row(database, select_records(database, (condition + " LIMIT 1").c_str()).c_str());
+    const likelihood::DatumKey& key = name.key;
     row.bind(1, std::string_view(key.source)).bind(2, std::string_view(key.session)).bind(3, key.seq);
+    if (name.which == RecordName::Which::numbered) row.bind(4, name.number);
     if (!row.step()) return std::nullopt;
     return read_record(row).entry;
   }
@@ -486,8 +492,13 @@ Appended Journal::append(const Measurement& datum, Quarantine quarantined) {
   const auto there = i.find_last(datum.key);
   if (there && !there->withdrawn) {
     const bool same = there->payload == record.payload && there->time == datum.time;
-    return {
-        same ? AppendOutcome::duplicate : AppendOutcome::conflict, there->held, there->step, 0, false, {}};
+    return {same ? AppendOutcome::duplicate : AppendOutcome::conflict,
+            there->held,
+            there->step,
+            there->id,
+            0,
+            false,
+            {}};
   }
   if (there && !there->held.late) quarantined.late = false;
   record.entry.id = i.chains.records.count + 1;
@@ -516,21 +527,22 @@ Appended Journal::append(const Measurement& datum, Quarantine quarantined) {
   }
   insert.run();
   i.chains.records = {seal, record.entry.id};
-  return {AppendOutcome::accepted, quarantined, datum.step, record.entry.measurement.received_ms,
-          there.has_value(),       {}};
+  return {
+      AppendOutcome::accepted, quarantined, datum.step, record.entry.id, record.entry.measurement.received_ms,
+      there.has_value(),       {}};
 }
 
-std::optional<JournalEntry> Journal::release(const likelihood::DatumKey& key) {
+std::optional<JournalEntry> Journal::release(const RecordName& name) {
   Implementation& i = *implementation_;
-  auto entry = i.last_entry(key);
+  auto entry = i.entry_of(name);
   if (!entry || !entry->quarantined || entry->withdrawn) return std::nullopt;
   if (!entry->released) i.mark("release", i.chains.releases, entry->id);
   return entry;
 }
 
-std::optional<JournalEntry> Journal::withdraw(const likelihood::DatumKey& key) {
+std::optional<JournalEntry> Journal::withdraw(const RecordName& name) {
   Implementation& i = *implementation_;
-  auto entry = i.last_entry(key);
+  auto entry = i.entry_of(name);
   if (entry && !entry->withdrawn) i.mark("withdrawal", i.chains.withdrawals, entry->id);
   return entry;
 }

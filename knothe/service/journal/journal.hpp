@@ -56,8 +56,9 @@ struct JournalEntry {
 enum class AppendOutcome { accepted, duplicate, conflict };
 struct Appended {
   AppendOutcome outcome = AppendOutcome::accepted;
-  Quarantine quarantined;  ///< the datum itself, or the one that it duplicates, and not released
-  std::int64_t step = 0;   ///< of the record on disk
+  Quarantine quarantined;   ///< the datum itself, or the one that it duplicates, and not released
+  std::int64_t step = 0;    ///< of the record on disk
+  std::int64_t record = 0;  ///< its number
   std::int64_t received_ms = 0;
   bool replacement = false;  ///< of a datum of the same key that was withdrawn
   std::string reason;        ///< of the quarantine, in words; for those who know the limits
@@ -137,11 +138,11 @@ class Journal : public JournalReader {
   /// the place of that one, so it is too late only if that was.
   Appended append(const Measurement& datum, Quarantine quarantined = {});
   /// Lets a quarantined datum into the posterior, inside a group: its record before. Nothing if there is none
-  /// of that key.
-  std::optional<JournalEntry> release(const likelihood::DatumKey& key);
+  /// of that name.
+  std::optional<JournalEntry> release(const RecordName& name);
   /// Takes a datum out, inside a group: its record before, which says whether it had been withdrawn already.
-  /// Nothing if there is none of that key.
-  std::optional<JournalEntry> withdraw(const likelihood::DatumKey& key);
+  /// Nothing if there is none of that name.
+  std::optional<JournalEntry> withdraw(const RecordName& name);
   /// Keeps an alarm, inside a group.
   void add_alarm(const Alarm& alarm);
   /// Writes an entry, inside a group: as it is on disk, with its number and time of writing.

@@ -34,8 +34,8 @@ void save(const JournalEntry& entry, Journal& whole, Recovery& recovery) {
     return;
   }
   ++recovery.saved;
-  if (entry.released) whole.release(datum.key);
-  if (entry.withdrawn) whole.withdraw(datum.key);
+  if (entry.released) whole.release({datum.key});
+  if (entry.withdrawn) whole.withdraw({datum.key});
 }
 
 /// Those before the first that is damaged.

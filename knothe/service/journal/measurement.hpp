@@ -65,13 +65,26 @@ struct SiteMeasurement {
 /// From the JSON object of `POST /v1/measurements`. RequestError 400 that says which member is wrong.
 [[nodiscard]] SiteMeasurement parse_json_measurement(std::string_view body);
 
-/// A datum that is there already, and the site it is at (may be empty).
-struct SiteKey {
-  std::string site;
+/// A datum that is there already. Its key may have had several records: each but the last is withdrawn.
+struct RecordName {
+  enum class Which {
+    last,
+    first,  ///< a request that is kept somewhere, and comes again, is of the first: it was made then
+    numbered
+  };
   likelihood::DatumKey key;
+  Which which = Which::last;
+  std::int64_t number = 0;  ///< in the journal
 };
 
-/// From a JSON object with `source`, `session`, `seq`. RequestError 400 that says which member is wrong.
+/// The same, and the site it is at (may be empty).
+struct SiteKey {
+  std::string site;
+  RecordName datum;
+};
+
+/// From a JSON object with `source`, `session`, `seq`, and the number of its `record` if that is known.
+/// RequestError 400 that says which member is wrong.
 [[nodiscard]] SiteKey parse_json_key(std::string_view body);
 
 /// From an MQTT message: topic knothe/v1/SITE/SOURCE/data, payload the same JSON, whose `site` (may be left

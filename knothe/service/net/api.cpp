@@ -441,7 +441,7 @@ void Api::handle_release(const HttpRequest& request, const Answer& answer) {
   SiteKey datum = parse_json_key(request.body);
   site_of(datum.site.empty() ? request.parameter("site") : datum.site)
       ->journal()
-      .release(std::move(datum.key),
+      .release(std::move(datum.datum),
                [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
 }
 
@@ -449,7 +449,7 @@ void Api::handle_withdrawal(const HttpRequest& request, const Answer& answer) {
   SiteKey datum = parse_json_key(request.body);
   site_of(datum.site.empty() ? request.parameter("site") : datum.site)
       ->journal()
-      .withdraw(std::move(datum.key),
+      .withdraw(std::move(datum.datum),
                 [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
 }
 

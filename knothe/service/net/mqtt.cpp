@@ -50,12 +50,15 @@ struct MqttReceiver::Implementation {
       const std::string_view topic = message.topic;
       const std::string_view payload(static_cast<const char*>(message.payload), message.payloadlen);
       if (topic.ends_with("/withdraw")) {
-        const SiteKey datum = parse_mqtt_key(topic, payload);
-        return answer(datum.key.seq, store([&](auto done) {
-                        site_of(datum.site)->journal().withdraw(datum.key, std::move(done));
+        SiteKey named = parse_mqtt_key(topic, payload);
+        if (message.retain && named.datum.which == RecordName::Which::last)
+          named.datum.which = RecordName::Which::first;
+        return answer(named.datum.key.seq, store([&](auto done) {
+                        site_of(named.site)->journal().withdraw(named.datum, std::move(done));
                       }));
       }
-      const SiteMeasurement datum = parse_mqtt_measurement(topic, payload);
+      SiteMeasurement datum = parse_mqtt_measurement(topic, payload);
+      datum.measurement.restores = !message.retain;
       return answer(datum.measurement.key.seq, store([&](auto done) {
                       const auto site = site_of(datum.site);
                       site->require_test(datum.test);

@@ -47,7 +47,8 @@ std::string units_of(const model::Sensors& sensors, std::size_t i) {
 Json answer_of(const Appended& appended) {
   Json body = {{"accepted", true},
                {"duplicate", appended.outcome == AppendOutcome::duplicate},
-               {"step", appended.step}};
+               {"step", appended.step},
+               {"record", appended.record}};
   if (appended.quarantined) {
     body["quarantined"] = true;
     body["reason"] = appended.reason;
@@ -271,12 +272,12 @@ void JournalWriter::ingest(Measurement datum, std::function<void(Answer)> done) 
   enqueue({std::move(datum), std::move(done), monotonic_now()});
 }
 
-void JournalWriter::release(likelihood::DatumKey key, std::function<void(Answer)> done) {
-  enqueue({Release{std::move(key)}, std::move(done), monotonic_now()});
+void JournalWriter::release(RecordName name, std::function<void(Answer)> done) {
+  enqueue({Release{std::move(name)}, std::move(done), monotonic_now()});
 }
 
-void JournalWriter::withdraw(likelihood::DatumKey key, std::function<void(Answer)> done) {
-  enqueue({Withdrawal{std::move(key)}, std::move(done), monotonic_now()});
+void JournalWriter::withdraw(RecordName name, std::function<void(Answer)> done) {
+  enqueue({Withdrawal{std::move(name)}, std::move(done), monotonic_now()});
 }
 
 void JournalWriter::enter(LogbookEntry entry, std::function<void(Answer)> done) {
@@ -476,29 +477,33 @@ JournalWriter::Answer JournalWriter::write(Request& request, Written& written) {
 }
 
 JournalWriter::Answer JournalWriter::write(const Release& release, MonotonicTime at, Written& written) {
-  auto entry = journal_.release(release.key);
+  auto entry = journal_.release(release.name);
   if (!entry)
     return RequestError(404, "NotQuarantined",
                         fmt::format("there is no quarantined datum of source \"{}\", session \"{}\", seq {}",
-                                    release.key.source, release.key.session, release.key.seq));
+                                    release.name.key.source, release.name.key.session, release.name.key.seq));
   match_step(*entry, setup_.problem.model->time, journal_.path());
   if (!entry->released) written.arrivals.push_back({switches_.seen(entry->measurement), at});
   written.no_longer_quarantined.push_back(*entry);
   return Appended{entry->released ? AppendOutcome::duplicate : AppendOutcome::accepted,
                   {},
                   entry->measurement.step,
+                  entry->id,
                   entry->measurement.received_ms,
                   false,
                   {}};
 }
 
 JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, MonotonicTime at, Written& written) {
-  const likelihood::DatumKey& key = withdrawal.key;
-  auto entry = journal_.withdraw(key);
+  const likelihood::DatumKey& key = withdrawal.name.key;
+  auto entry = journal_.withdraw(withdrawal.name);
   if (!entry)
     return RequestError(404, "UnknownDatum",
-                        fmt::format("there is no datum of source \"{}\", session \"{}\", seq {}", key.source,
-                                    key.session, key.seq));
+                        fmt::format("there is no datum of source \"{}\", session \"{}\", seq {}{}",
+                                    key.source, key.session, key.seq,
+                                    withdrawal.name.which == RecordName::Which::numbered
+                                        ? fmt::format(" with the record number {}", withdrawal.name.number)
+                                        : ""));
   if (const auto step = likelihood::matching_time(entry->measurement.time, setup_.problem.model->time))
     entry->measurement.step = *step;
   if (!entry->withdrawn) {

@@ -102,9 +102,9 @@ class JournalWriter {
   /// is not going to be). RequestError for what is wrong with it.
   void ingest(Measurement datum, std::function<void(Answer)> done);
   /// Lets a quarantined datum in. The same.
-  void release(likelihood::DatumKey key, std::function<void(Answer)> done);
+  void release(RecordName name, std::function<void(Answer)> done);
   /// Takes a datum out. The same.
-  void withdraw(likelihood::DatumKey key, std::function<void(Answer)> done);
+  void withdraw(RecordName name, std::function<void(Answer)> done);
   /// Writes an entry into the logbook. The same.
   void enter(LogbookEntry entry, std::function<void(Answer)> done);
   /// The same, and waits until it is on disk: as it is there. RequestError where it is not.
@@ -119,10 +119,10 @@ class JournalWriter {
 
  private:
   struct Release {
-    likelihood::DatumKey key;
+    RecordName name;
   };
   struct Withdrawal {
-    likelihood::DatumKey key;
+    RecordName name;
   };
   struct Request {
     std::variant<Measurement, Release, Withdrawal, LogbookEntry> what;
