@@ -126,6 +126,17 @@ std::string media_type(const HttpRequest& head) {
   return lower_case(type);
 }
 
+bool brings_data(const HttpRequest& head) {
+  return head.method == "POST" && head.path.starts_with("/v1/");
+}
+
+bool has_token(const HttpRequest& head, const std::string& token) {
+  const std::string given = head.header("authorization");
+  const std::string_view bearer = "bearer ";
+  return lower_case(given.substr(0, bearer.size())) == bearer &&
+         equal_in_constant_time(std::string_view(given).substr(bearer.size()), token);
+}
+
 HttpResponse answer_of(const JournalWriter::Answer& answer) {
   if (const auto* error = std::get_if<RequestError>(&answer))
     return error_response(error->status(), error->type(), error->what());
@@ -241,12 +252,16 @@ Admission Api::admit(const HttpRequest& head, HttpResponse& refusal) {
   const std::string host = head.header("host");
   // A page of another site that got a name of its own to point here (DNS rebinding), or that posts here.
   const std::string name = host_name(host);
-  if (options_.loopback && !host.empty() && name != "localhost" && !is_loopback(name))
+  if (options_.loopback && head.headers.contains("host") && name != "localhost" && !is_loopback(name))
     return refuse(403, "WrongHost",
                   "this service is for this machine alone: call it by localhost or 127.0.0.1");
   const std::string origin = lower_case(head.header("origin"));
-  if (!origin.empty() && origin != "http://" + lower_case(host) && origin != "https://" + lower_case(host))
-    return refuse(403, "WrongOrigin", "pages of other origins are not served");
+  const bool is_foreign =
+      !origin.empty() && origin != "http://" + lower_case(host) && origin != "https://" + lower_case(host);
+  // No page knows a token that its user has not given it. Behind a proxy the page's own origin is foreign.
+  const std::string& token = brings_data(head) ? options_.ingest_token : options_.read_token;
+  const bool known = !token.empty() && has_token(head, token);
+  if (is_foreign && !known) return refuse(403, "WrongOrigin", "pages of other origins are not served");
   bool path_known = false, method_known = false;
   std::string allowed;
   for (const Route& route : routes()) {
@@ -264,12 +279,7 @@ Admission Api::admit(const HttpRequest& head, HttpResponse& refusal) {
     return Admission::refused;
   }
   if (head.path == "/" || head.path == "/livez" || head.path == "/readyz") return Admission::other;
-  const bool ingests = head.method == "POST" && head.path.starts_with("/v1/");
-  const std::string& token = ingests ? options_.ingest_token : options_.read_token;
-  const std::string given = head.header("authorization");
-  const std::string_view bearer = "bearer ";
-  const bool known = lower_case(given.substr(0, bearer.size())) == bearer &&
-                     equal_in_constant_time(std::string_view(given).substr(bearer.size()), token);
+  const bool ingests = brings_data(head);
   if (!token.empty() && !known)
     return refuse(401, "Unauthorized", "this route needs `Authorization: Bearer TOKEN`");
   if (!ingests) return Admission::other;
