@@ -18,6 +18,8 @@
 namespace knothe::service {
 namespace {
 
+constexpr std::chrono::seconds k_mark_rest{1};  // the longest that a mark is not on disk
+
 std::string hex_of(const std::string& seal) {
   Digest digest{};
   if (seal.size() == digest.size()) std::copy(seal.begin(), seal.end(), digest.begin());
@@ -63,9 +65,12 @@ struct JournalReader::Implementation {
   mutable Database database;
   std::string id, lost;
   std::string mark_path = mark_path_of(path), log_path;
-  Acknowledged told;                ///< what the mark says next
-  std::optional<FileIdentity> log;  ///< NAME-wal, once something was written
-  std::optional<FileHead> head;     ///< of the file, as this writer left it
+  Acknowledged told;                     ///< what the mark says next
+  std::optional<FileIdentity> log;       ///< NAME-wal, once something was written
+  std::optional<FileHead> head;          ///< of the file, as this writer left it
+  std::int64_t number = 0, id_page = 1;  ///< `id`, and where it is
+  bool is_marked = false;                ///< there was a mark beside it
+  std::chrono::steady_clock::time_point mark_synced;
   Chains chains;
   std::optional<Chains> before;  ///< at `begin`
   std::int64_t starts = 0;
@@ -85,14 +90,19 @@ struct JournalReader::Implementation {
     check_schema(database);
     verify();
     if (access == Access::write) migrate(database);
-    if (schema_of(database) >= 4)
-      id = fmt::format("{:016x}", one_integer(database, "SELECT value FROM meta WHERE key = 'journal'"));
+    if (schema_of(database) >= 4) {
+      number = one_integer(database, "SELECT value FROM meta WHERE key = 'journal'");
+      id = fmt::format("{:016x}", number);
+    }
+    is_marked = one_integer(database, "SELECT value FROM meta WHERE key = 'marked'") != 0;
     find_losses();
     if (access == Access::write) prepare_to_write();
   }
 
   void prepare_to_write() {
     database.execute("UPDATE meta SET value = value + 1 WHERE key = 'starts'");
+    if (!is_marked) database.execute("INSERT INTO meta VALUES('marked', 1)");
+    id_page = one_integer(database, "SELECT rootpage FROM sqlite_master WHERE name = 'meta'");
     starts = one_integer(database, "SELECT value FROM meta WHERE key = 'starts'");
     insert.emplace(database, "INSERT INTO measurement VALUES(?,?,?,?,?,?,?,?,?,?,?)");
     find.emplace(database,
@@ -103,6 +113,8 @@ struct JournalReader::Implementation {
     std::error_code ignored;
     log_path = std::filesystem::weakly_canonical(path, ignored).string() + "-wal";
     (void)checkpoint();  // what a journal is, is then never in its log alone
+    acknowledge(true);
+    sync_folder_of(path);
   }
 
   bool checkpoint() {
@@ -114,6 +126,7 @@ struct JournalReader::Implementation {
     }
     sqlite3_busy_timeout(database.handle(), k_busy_timeout_ms);
     note_head();
+    if (!told.journal.empty()) acknowledge(true);
     return whole;
   }
 
@@ -124,13 +137,13 @@ struct JournalReader::Implementation {
   /// Whether nobody else has written into the file: truncated it, or copied another journal over it.
   [[nodiscard]] bool is_as_left() const {
     if (!head) return true;
-    const auto now = lock.head();
-    return now && now->size >= head->size && now->first_page == head->first_page;
+    const auto now = lock.head(number, id_page);
+    return now && head->may_become(*now);
   }
 
   /// What this writer leaves only grows: a file that has shrunk meanwhile is somebody else's work.
   void note_head() noexcept {
-    const auto now = lock.head();
+    const auto now = lock.head(number, id_page);
     if (now && (!head || now->size >= head->size)) head = now;
   }
 
@@ -145,7 +158,14 @@ struct JournalReader::Implementation {
 
   /// Before the first write: the mark is then replaced.
   void find_losses() {
-    if (!acknowledged) return;
+    if (!acknowledged) {
+      if (is_marked)
+        lost = fmt::format(
+            "{}, which says how much was acknowledged, is missing or damaged: whether records "
+            "are lost cannot be told",
+            mark_path);
+      return;
+    }
     if (acknowledged->journal != id) {
       // With other records in it somebody has put it there.
       if (!id.empty() && acknowledged->records > 0 && chains.records.count == 0)
@@ -175,11 +195,14 @@ struct JournalReader::Implementation {
   }
 
   /// After a commit, so nothing is allocated: what is on disk cannot be taken back.
-  void acknowledge() noexcept {
+  void acknowledge(bool synced = false) noexcept {
     told.records = chains.records.count, told.releases = chains.releases.count;
     told.withdrawals = chains.withdrawals.count, told.alarms = chains.alarms.count;
     told.entries = chains.logbook.count;
-    write_mark(mark_path, told, chains.records.seal);
+    const auto now = std::chrono::steady_clock::now();
+    synced = synced || now - mark_synced > k_mark_rest;
+    write_mark(mark_path, told, chains.records.seal, synced);
+    if (synced) mark_synced = now;
     if (!log) log = file_identity(log_path);
     note_head();
   }
