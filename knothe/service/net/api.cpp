@@ -313,7 +313,11 @@ void Api::route(const HttpRequest& request, const Answer& answer) {
     return later(*ingest_worker_, answer, [this, request, answer] { handle_post(request, answer); });
   }
   if (path == "/v1/events") (void)make_events(request);  // it is here as something is wrong: that is thrown
-  if (path == "/livez") return answer({200, "text/plain; charset=utf-8", "ok\n"});
+  if (path == "/livez") {
+    const std::string hangs = complaint();
+    return answer(
+        {hangs.empty() ? 200 : 503, "text/plain; charset=utf-8", hangs.empty() ? "ok\n" : hangs + "\n"});
+  }
   if (path == "/readyz") return answer(ready());
   // What takes longer than a look: not on the thread of HTTP.
   if (UmBridge::speaks(path))
@@ -393,9 +397,11 @@ HttpResponse Api::ready() const {
   Json sites = Json::object();
   bool all = true;
   for (const auto& site : sites_) {
-    const bool ready = site->current()->journal().ready();
+    const auto current = site->current();
+    const std::string hangs = current->health().pulses().complaint();
+    const bool ready = current->journal().ready() && hangs.empty();
     all = all && ready;
-    sites[site->name()] = ready ? "ready" : "replaying its journal, or stopping";
+    sites[site->name()] = ready ? "ready" : hangs.empty() ? "replaying its journal, or stopping" : hangs;
   }
   return json_response({{"ready", all}, {"sites", sites}}, all ? 200 : 503);
 }
@@ -524,6 +530,14 @@ std::unique_ptr<EventSource> Api::make_events(const HttpRequest& request) const 
   auto source = std::make_unique<SiteEvents>(from_site, site, seen);
   source->begin_with(std::move(first));
   return source;
+}
+
+std::string Api::complaint() const {
+  std::string all;
+  for (const auto& site : sites_)
+    if (const std::string one = site->current()->health().pulses().complaint(); !one.empty())
+      all += fmt::format("{}{}: {}", all.empty() ? "" : "; ", site->name(), one);
+  return all;
 }
 
 bool Api::tick() {

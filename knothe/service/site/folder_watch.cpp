@@ -26,6 +26,7 @@ namespace knothe::service {
 namespace {
 
 constexpr double k_look_every = 0.1;  // s
+constexpr double k_max_file = 60;     // s; who takes longer for one hangs
 /// A file that cannot be read may still be being written: so many times `settle` it may rest before it counts
 /// as bad.
 constexpr double k_patience = 10;
@@ -111,6 +112,7 @@ FolderWatch::FolderWatch(std::shared_ptr<Site> site)
   const project::UpdateSetup& setup = site_->setup();
   const model::Sensors& sensors = setup.measurements.sensors;
   for (std::size_t i = 0; i < sensors.displacement_count(); ++i) sensor_at_[key_of(sensors, i)] = i;
+  pulse_ = site_->health().pulses().add("the watch of folders", k_max_file);
   thread_ = std::thread([this] { run(); });
 }
 
@@ -132,13 +134,16 @@ void FolderWatch::run() {
   const double pause = std::min(k_look_every, 0.5 * site_->project().serve.settle);
   while (wait(pause)) {
     if (!site_->journal().ready()) continue;
+    pulse_->beat();
     for (Folder& folder : folders_) ingest(folder);
+    pulse_->rest();
   }
 }
 
 /// One file after the other: whatever is wrong with one, the next has its turn.
 void FolderWatch::ingest(Folder& folder) {
   for (const std::string& name : folder.files.new_files(SettledFiles::Clock::now())) {
+    pulse_->beat();
     JournalFile file{folder.source, name, "", FileOutcome::taken, -1};
     std::string trouble;
     StoreOutcome outcome = StoreOutcome::refused;

@@ -72,6 +72,7 @@ class FolderWatch {
   std::mutex mutex_;
   std::condition_variable end_;
   bool ending_ = false;
+  std::shared_ptr<Pulse> pulse_;
   std::thread thread_;
 };
 

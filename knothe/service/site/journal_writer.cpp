@@ -18,6 +18,7 @@
 namespace knothe::service {
 namespace {
 
+constexpr double k_max_commit = 60;            // s, of one group
 constexpr std::chrono::seconds k_idle{1};      // then the journal is looked after
 constexpr std::size_t k_largest_group = 256;   // measurements in one commit
 constexpr std::size_t k_longest_queue = 4096;  // then 503: memory is finite
@@ -101,7 +102,8 @@ std::int64_t JournalWriter::count_start(std::int64_t least) {
   return journal_.starts();
 }
 
-void JournalWriter::start() {
+void JournalWriter::start(std::shared_ptr<Pulse> pulse) {
+  pulse_ = pulse ? std::move(pulse) : std::make_shared<Pulse>("the journal's thread", k_max_commit);
   thread_ = std::thread([this] {
     replay();
     commit_loop();
@@ -185,6 +187,7 @@ void JournalWriter::replay() {
   std::set<likelihood::DatumKey> from_folders;
   std::optional<Measurement> last_frame;
   journal_.for_each([&](JournalEntry entry) {
+    pulse_->beat();
     const likelihood::DatumKey& key = entry.measurement.key;
     if (key.source == k_camera_source && (!last_frame || last_frame->time < entry.measurement.time)) {
       last_frame.emplace().key = key;
@@ -308,6 +311,7 @@ void JournalWriter::commit_loop() {
   while (true) {
     std::vector<Request> group;
     {
+      pulse_->rest();
       std::unique_lock lock(mutex_);
       requests_there_.wait_for(lock, k_idle, [&] {
         return !requests_.empty() || stopping_ || (!alarms_.empty() && trouble_.empty());
@@ -319,6 +323,7 @@ void JournalWriter::commit_loop() {
         requests_.pop_front();
       }
     }
+    pulse_->beat();
     bool aside = false;
     {
       const std::lock_guard lock(mutex_);
@@ -385,7 +390,7 @@ void JournalWriter::commit(std::vector<Request>& group) {
   const auto start = monotonic_now();
   std::vector<Answer> answers;
   Written written;
-  const auto largest_before = largest_seqs_;
+  largest_before_.clear();
   const SensorSwitches switches_before = switches_;
   const TestCourse course_before = course_;
   std::string trouble;
@@ -405,7 +410,7 @@ void JournalWriter::commit(std::vector<Request>& group) {
   } catch (const std::exception& error) {
     trouble = error.what();
     journal_.rollback();
-    largest_seqs_ = largest_before;
+    for (auto& [session, seqs] : largest_before_) largest_seqs_[session] = std::move(seqs);
     switches_ = switches_before;
     course_ = course_before;
     written = {};
@@ -511,8 +516,7 @@ JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, Monoton
     written.no_longer_quarantined.push_back(*entry);
     written.withdrawn.push_back(entry->measurement);
     // What comes now is judged late by the data that are left: a wrong seq, far ahead, is no more in the way.
-    largest_seqs_[{key.source, key.session}] =
-        journal_.largest_seqs(key.source, key.session, options_.window + 1);
+    seqs_of(key) = journal_.largest_seqs(key.source, key.session, options_.window + 1);
   }
   return Withdrawn{entry->measurement.step, entry->withdrawn};
 }
@@ -551,10 +555,17 @@ RequestError JournalWriter::refusal_after(const LogbookEntry& end) {
                       end.author)};
 }
 
+/// To be changed by the group at hand, and remembered as they were.
+std::vector<std::int64_t>& JournalWriter::seqs_of(const likelihood::DatumKey& key) {
+  auto& seqs = largest_seqs_[{key.source, key.session}];
+  largest_before_.try_emplace({key.source, key.session}, seqs);
+  return seqs;
+}
+
 /// The places that a datum is late are the data of its session that should have come after it and came
 /// before: one wrong seq, however far ahead, is one of them.
 void JournalWriter::count_seq(const likelihood::DatumKey& key) {
-  auto& largest = largest_seqs_[{key.source, key.session}];
+  auto& largest = seqs_of(key);
   largest.insert(std::upper_bound(largest.begin(), largest.end(), key.seq, std::greater<>()), key.seq);
   if (std::ssize(largest) > options_.window + 1) largest.pop_back();
 }

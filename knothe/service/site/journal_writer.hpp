@@ -20,6 +20,7 @@
 #include "knothe/service/site/file_register.hpp"
 #include "knothe/service/site/log.hpp"
 #include "knothe/service/site/metrics.hpp"
+#include "knothe/service/site/pulses.hpp"
 #include "knothe/service/site/site_logbook.hpp"
 
 namespace knothe::service {
@@ -92,7 +93,7 @@ class JournalWriter {
   [[nodiscard]] const JournalReader& records() const { return journal_; }
   /// Stores an alarm: with the next group, by itself, or in `finish`.
   void store_alarm(Alarm alarm);
-  void start();
+  void start(std::shared_ptr<Pulse> pulse = nullptr);
   void open();    ///< From now on requests are taken.
   void stop();    ///< Commits what was taken, ends the thread.
   void finish();  ///< After `stop`: keeps the last alarms, and leaves nothing in the journal's log.
@@ -171,7 +172,8 @@ class JournalWriter {
   bool checkpointed_ = true;  ///< of the thread: nothing is in the journal's log alone
   /// Of the thread, by source and session: the largest seqs, one more than may come late, the largest first.
   using LargestSeqs = std::map<std::pair<std::string, std::string>, std::vector<std::int64_t>>;
-  LargestSeqs largest_seqs_;
+  LargestSeqs largest_seqs_, largest_before_;  ///< and those of the group's sessions before it
+  std::vector<std::int64_t>& seqs_of(const likelihood::DatumKey& key);
   void count_seq(const likelihood::DatumKey& key);
   SensorSwitches switches_;  ///< of the thread
   FileRegister files_;
@@ -188,6 +190,7 @@ class JournalWriter {
   std::map<std::string, std::int64_t> outcomes_;
   std::optional<Measurement> last_frame_;
 
+  std::shared_ptr<Pulse> pulse_;  ///< of the thread
   std::thread thread_;
 };
 
