@@ -298,7 +298,7 @@ class Test(ServiceCase):
         self.assertEqual(len(service.get("/v1/quarantine")[1]["quarantined"]), 1)  # no way round
         self.withdraw(service, bad, 1)
         status, answer = service.send(self.data[1])  # ten places late, but what it corrects was not
-        self.assertEqual((status, answer), (200, {"accepted": True, "duplicate": False, "step": 1, "record": 15, "replacement": True}))
+        self.assertEqual((status, answer), (200, {"accepted": True, "duplicate": False, "step": 1, "record": 14, "replacement": True}))
         service.settled(14)
         self.assertEqual([comparable(line) for line in service.states()], expected)
         known = {**self.with_one_metre(self.data[2]), "status": ["bad" if i == 3 else "good" for i in range(24)]}

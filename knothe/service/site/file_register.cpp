@@ -25,6 +25,7 @@ std::optional<FileOutcome> FileRegister::settled(const JournalFile& file) const 
   const std::lock_guard lock(mutex_);
   if (taken_.contains({file.source, file.name, file.digest})) return FileOutcome::taken;
   if (elsewhere_.contains(file.digest)) return FileOutcome::elsewhere;
+  if (refused_.contains({file.source, file.name, file.digest})) return FileOutcome::refused;
   return std::nullopt;
 }
 

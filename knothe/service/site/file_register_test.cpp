@@ -30,7 +30,7 @@ TEST(FileRegister, AFileIsItsContent) {
       << "a picture that shows the same";
   EXPECT_EQ(files.settled(file("renamed", "2", FileOutcome::taken)), FileOutcome::elsewhere);
   EXPECT_EQ(files.settled(file("old", "5", FileOutcome::taken)), std::nullopt) << "of the new specimen";
-  EXPECT_EQ(files.settled(file("bad", "3", FileOutcome::taken)), std::nullopt) << "may be tried again";
+  EXPECT_EQ(files.settled(file("bad", "3", FileOutcome::taken)), FileOutcome::refused);
   EXPECT_EQ(files.digest_of("pictures", "old"), "2");
   EXPECT_EQ(files.digest_of("csv", "old"), "");
   EXPECT_EQ(files.holder({"pictures", "live", 7}), std::nullopt) << "no datum yet";

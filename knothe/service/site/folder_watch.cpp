@@ -125,7 +125,9 @@ FolderWatch::~FolderWatch() {
   thread_.join();
 }
 
+/// Of the thread alone: who waits for others is alive.
 bool FolderWatch::wait(double seconds) {
+  pulse_->beat();
   std::unique_lock lock(mutex_);
   return !end_.wait_for(lock, std::chrono::duration<double>(seconds), [&] { return ending_; });
 }
@@ -134,9 +136,7 @@ void FolderWatch::run() {
   const double pause = std::min(k_look_every, 0.5 * site_->project().serve.settle);
   while (wait(pause)) {
     if (!site_->journal().ready()) continue;
-    pulse_->beat();
     for (Folder& folder : folders_) ingest(folder);
-    pulse_->rest();
   }
 }
 
@@ -157,7 +157,8 @@ void FolderWatch::ingest(Folder& folder) {
     // What cannot be read may still be being written; its line in the table of times may still come.
     if (!trouble.empty() && patient(folder, name)) outcome = StoreOutcome::again;
     if (outcome == StoreOutcome::refused) file.outcome = FileOutcome::refused;
-    if (outcome == StoreOutcome::refused && !trouble.empty()) intake_.refuse(name, trouble);
+    if (outcome == StoreOutcome::refused && !trouble.empty() && !is_known(file))
+      intake_.refuse(name, trouble);
     if (outcome != StoreOutcome::again) {
       if (!is_known(file)) site_->journal().files().note(file);
       folder.files.done(name);
@@ -174,7 +175,8 @@ bool FolderWatch::is_known(const JournalFile& file) const {
 FolderWatch::StoreOutcome FolderWatch::ingest(Folder& folder, JournalFile& file) {
   const RegularFile opened(folder.files.path(file.name), max_bytes(file.source));
   file.digest = opened.digest();
-  if (const auto known = site_->journal().files().settled(file)) {
+  // What was refused is tried again: its line may be in the table of times by now.
+  if (const auto known = site_->journal().files().settled(file); known && *known != FileOutcome::refused) {
     file.outcome = *known;
     if (*known == FileOutcome::elsewhere) tell_of_others(folder, file.name);
     if (*known == FileOutcome::taken && file.source == k_pictures_source) show(folder, file.name);

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <filesystem>
 #include <functional>
 #include <future>
 #include <nlohmann/json.hpp>
@@ -23,6 +24,22 @@ constexpr std::chrono::seconds k_idle{1};      // then the journal is looked aft
 constexpr std::size_t k_largest_group = 256;   // measurements in one commit
 constexpr std::size_t k_longest_queue = 4096;  // then 503: memory is finite
 constexpr double k_largest_value = 1e60;       // in standard deviations: its square must not overflow
+
+constexpr std::uintmax_t k_large_log = 64 << 20;  // bytes; SQLite keeps it at 4 MB where it can
+
+std::uintmax_t log_size(const std::string& journal) {
+  std::error_code none;
+  const std::uintmax_t size = std::filesystem::file_size(journal + "-wal", none);
+  return none ? 0 : size;
+}
+
+/// SQLite moves its log into the journal unless another program holds a reading transaction open.
+void tell_of_large_log(const std::string& site, const std::string& journal, std::uintmax_t before) {
+  const std::uintmax_t now = log_size(journal);
+  if (now / k_large_log > before / k_large_log)
+    log_event("warning", "the journal's log grows: another program reads the journal, and does not end",
+              {{"site", site}, {"journal", journal}, {"log_mb", now >> 20}});
+}
 
 /// What stands behind the displacements, in words.
 std::string scalars_last(const model::Sensors& sensors) {
@@ -388,6 +405,7 @@ std::string JournalWriter::refuse_if_misplaced(std::vector<Answer>& answers) con
 /// One group of requests, one commit; each is answered when that is on disk.
 void JournalWriter::commit(std::vector<Request>& group) {
   const auto start = monotonic_now();
+  const std::uintmax_t log_before = log_size(journal_.path());
   std::vector<Answer> answers;
   Written written;
   largest_before_.clear();
@@ -418,6 +436,7 @@ void JournalWriter::commit(std::vector<Request>& group) {
                    RequestError(507, "DiskFull", fmt::format("nothing was stored: {}", trouble)));
   }
   if (trouble.empty()) {
+    tell_of_large_log(options_.site, journal_.path(), log_before);
     trouble = refuse_if_misplaced(answers);
   } else {
     files_.put_back(files);
