@@ -24,7 +24,8 @@ if shutil.which("systemd-analyze"):
             said = [line for line in done.stderr.splitlines() if path.name in line]
             wrong += said if done.returncode or said else []
             # 0 is safest, 100 is open to all; what is left is the network, and that it may read what all may.
-            done = subprocess.run(["systemd-analyze", "security", "--offline=yes", "--threshold=30", "--no-pager", path], capture_output=True, text=True)
+            done = subprocess.run(["systemd-analyze", "security", "--offline=yes", "--threshold=20", "--no-pager", path], capture_output=True, text=True)
+            print(next((line.strip() for line in done.stdout.splitlines() if "Overall exposure" in line), "").replace("→ ", ""))
             if done.returncode:
                 wrong.append(f"{path.name}: {(done.stdout + done.stderr).strip().splitlines()[-1]}")
     # Started again for ever, each time after a longer pause.
