@@ -332,7 +332,8 @@ TEST(Journal, OneOfSchema2IsReadAsItIsAndMigratedWhenItIsWritten) {
   const std::string seal = write_journal(path, 4).back();
   Database(path, Database::Mode::read_write)
       .execute(
-          "DROP TABLE withdrawal; DROP INDEX measurement_key; DROP TABLE alarm; DROP TABLE file; DROP TABLE logbook;"
+          "DROP TABLE withdrawal; DROP INDEX measurement_key; DROP TABLE alarm; DROP TABLE file; DROP TABLE "
+          "logbook;"
           "DELETE FROM meta WHERE key = 'journal'; PRAGMA user_version = 2;"
           "CREATE UNIQUE INDEX key ON measurement(source, session, seq);");
   EXPECT_EQ(counting_values(path).size(), 4u);
