@@ -144,6 +144,7 @@ std::string openapi_document() {
   const Json stored = object_of({{"accepted", boolean},
                                  {"duplicate", boolean},
                                  {"step", integer},
+                                 {"record", integer},
                                  {"quarantined", boolean},
                                  {"reason", words},
                                  {"replacement", boolean}},
