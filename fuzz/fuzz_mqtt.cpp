@@ -10,7 +10,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
                     payload = end == std::string::npos ? "" : text.substr(end + 1);
   try {
     const bool withdraws = topic.ends_with("/withdraw");
-    const auto key = withdraws ? parse_mqtt_key(topic, payload).key
+    const auto key = withdraws ? parse_mqtt_key(topic, payload).datum.key
                                : parse_mqtt_measurement(topic, payload).measurement.key;
     if (key.source.empty()) std::abort();
   } catch (const RequestError& error) {

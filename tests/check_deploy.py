@@ -24,9 +24,25 @@ if shutil.which("systemd-analyze"):
             said = [line for line in done.stderr.splitlines() if path.name in line]
             wrong += said if done.returncode or said else []
             # 0 is safest, 100 is open to all; what is left is the network, and that it may read what all may.
-            done = subprocess.run(["systemd-analyze", "security", "--offline=yes", "--threshold=30", "--no-pager", path], capture_output=True, text=True)
+            done = subprocess.run(["systemd-analyze", "security", "--offline=yes", "--threshold=20", "--no-pager", path], capture_output=True, text=True)
+            print(next((line.strip() for line in done.stdout.splitlines() if "Overall exposure" in line), "").replace("→ ", ""))
             if done.returncode:
                 wrong.append(f"{path.name}: {(done.stdout + done.stderr).strip().splitlines()[-1]}")
+    # Started again for ever, each time after a longer pause.
+    for name in ("knothe@", "knothe-plant@"):
+        unit = (source / f"deploy/{name}.service").read_text()
+        with tempfile.TemporaryDirectory() as folder:
+            (pathlib.Path(folder) / "sleep").write_text("#!/bin/sh\necho $1\n")
+            (pathlib.Path(folder) / "sleep").chmod(0o755)
+            command = re.search(r"^ExecStopPost=/bin/sh -c '(.*)'$", unit, re.M)[1].replace("$$", "$")
+            command = re.sub(r"/run/[a-z-]+/%i", f"{folder}/beam", command)
+            stop = lambda result: subprocess.run(["/bin/sh", "-c", command], capture_output=True, text=True,
+                                                 env={"PATH": f"{folder}:/usr/bin:/bin", "SERVICE_RESULT": result}).stdout.strip()
+            pauses = [stop("exit-code") for _ in range(9)]
+            if pauses != ["1", "2", "4", "8", "16", "32", "60", "60", "60"] or stop("success") != "":
+                wrong.append(f"{name}.service: the pauses before it is started again are {pauses}")
+        if "StartLimitIntervalSec=0" not in unit or "Restart=on-failure" not in unit:
+            wrong.append(f"{name}.service: is not started again for ever")
 else:
     print("no systemd-analyze here: the units are not looked at")
 

@@ -29,11 +29,26 @@ function taker(assembly, spool, instants, layout) {
     const gap = assembly.gap(name, stamp);
     if (gap) log(`channels.${name}: no sample for ${gap / 1000} s, or more: missing there`, `gap ${name}`);
     log(value === null ? `channels.${name}: missing (${reason})` : `channels.${name}: measured`, name);
-    for (const { seq, channels } of assembly.add(name, stamp, value)) {
-      if (seq > spool.next) log(`times ${layout.times[spool.next]} to ${layout.times[seq - 1]}: nothing was measured`);
-      spool.add({ seq, time: layout.times[seq], instant: new Date(instants[seq]).toISOString(), channels });
+    const data = assembly.add(name, stamp, value).map(({ seq, channels }) => {
+      return { seq, time: layout.times[seq], instant: new Date(instants[seq]).toISOString(), channels };
+    });
+    let next = spool.unwritten.length > 0 ? spool.unwritten.at(-1).seq + 1 : spool.next;
+    for (const { seq } of data) {
+      if (seq > next) log(`times ${layout.times[next]} to ${layout.times[seq - 1]}: nothing was measured`);
+      next = seq + 1;
     }
+    keep(spool, data);
   };
+}
+
+/** In the spool, or in memory while the disk does not take it. */
+function keep(spool, data = []) {
+  try {
+    spool.add(data);
+    if (said.has(spool.path)) log("the spool is written again", spool.path);
+  } catch (error) {
+    log(`${spool.path}: ${error.message}: kept in memory, and written again`, spool.path);
+  }
 }
 
 /** Reads, from a new connection where one is lost, until there is nothing to wait for. */
@@ -59,9 +74,10 @@ async function send_all(configuration, assembly, spool, service) {
   const { site } = configuration.service;
   const place = places(Object.keys(channels), spool.layout);
   const count = spool.layout.displacements + spool.layout.scalars.length;
-  for (; !assembly.done || spool.waiting.length > 0;) {
+  for (; !assembly.done || spool.waiting.length > 0 || spool.unwritten.length > 0;) {
     const datum = spool.waiting[0];
     if (!datum) {
+      if (spool.unwritten.length > 0) keep(spool);
       await sleep(20);
       continue;
     }
@@ -70,7 +86,12 @@ async function send_all(configuration, assembly, spool, service) {
     const key = { ...(site && { site }), source, session, seq: datum.seq };
     const { quarantined, reason } = await service.store({ ...key, time: datum.time, values });
     if (quarantined) log(`time ${datum.time}: in quarantine: ${reason}`);
-    spool.sent(datum);
+    try {
+      spool.sent(datum);
+    } catch (error) {
+      log(`${spool.path}: ${error.message}: may be sent again`, spool.path);
+      spool.waiting.shift();
+    }
   }
 }
 
@@ -83,6 +104,7 @@ async function main([path, ...others]) {
   const { source, session, time, channels } = configuration;
   const spool = new Spool(configuration.spool, { source, session, time, channels });
   const service = new Service(configuration.service, log);
+  if (spool.repaired > 0) log(`${spool.path}: ${spool.repaired} lines that were cut short are left out`);
   if (!spool.layout) {
     const layout = await service.layout();
     places(Object.keys(channels), layout);

@@ -1,5 +1,5 @@
 // What is to be sent is on disk before it is sent: when it is sent again, it is the same.
-import { appendFileSync, closeSync, fsyncSync, mkdirSync, openSync, readFileSync, truncateSync } from "node:fs";
+import { appendFileSync, closeSync, fsyncSync, ftruncateSync, mkdirSync, openSync, readFileSync } from "node:fs";
 import { dirname } from "node:path";
 import { isDeepStrictEqual } from "node:util";
 
@@ -11,10 +11,23 @@ function sync(path) {
   closeSync(file);
 }
 
+/** The entry that was written behind a line that was cut short: that one had not been taken. */
+function behind_a_torn_one(line) {
+  for (const { index } of line.matchAll(/\{"(?:seq|sent|identity)":/g)) {
+    if (index === 0) continue;
+    try {
+      return JSON.parse(line.slice(index));
+    } catch {
+      // the next one, then
+    }
+  }
+  return null;
+}
+
 export class Spool {
   /** JSON lines: `{"identity","layout"}`, then data `{"seq",…}` and, once the service has them, `{"sent":seq}`. */
   constructor(path, identity) {
-    Object.assign(this, { path, identity, layout: null, next: 0, waiting: [] });
+    Object.assign(this, { path, identity, layout: null, next: 0, waiting: [], unwritten: [], repaired: 0, torn: false });
     try {
       mkdirSync(dirname(path), { recursive: true });
       this.file = openSync(path, "a+", 0o640);
@@ -24,7 +37,8 @@ export class Spool {
     sync(dirname(path));
     const content = readFileSync(path);
     const whole = content.lastIndexOf("\n") + 1; // killed in the middle of a line: it was not sent
-    if (whole < content.length) truncateSync(path, whole);
+    if (whole < content.length) ftruncateSync(this.file, whole);
+    this.size = whole;
     content
       .subarray(0, whole)
       .toString()
@@ -38,6 +52,10 @@ export class Spool {
     try {
       entry = JSON.parse(line);
     } catch {
+      entry = behind_a_torn_one(line);
+      if (entry) this.repaired += 1;
+    }
+    if (!entry) {
       throw new ConfigurationError(
         `${this.path}:${number}: error: not a line of a spool; use another file as "spool", and another "session"`,
       );
@@ -61,9 +79,17 @@ export class Spool {
     this.write({ identity: this.identity, layout });
   }
 
-  add(datum) {
-    this.write(datum);
-    this.push(datum);
+  /** What the disk does not take now stays in memory, in its order, until `flush`. */
+  add(data) {
+    this.unwritten.push(...data);
+    this.flush();
+  }
+
+  flush() {
+    while (this.unwritten.length > 0) {
+      this.write(this.unwritten[0]);
+      this.push(this.unwritten.shift());
+    }
   }
 
   push(datum) {
@@ -73,12 +99,22 @@ export class Spool {
 
   /** Need not be on disk at once: sent again, it is a duplicate. */
   sent(datum) {
-    appendFileSync(this.file, `{"sent":${datum.seq}}\n`);
+    this.append({ sent: datum.seq });
     this.waiting.shift();
   }
 
   write(entry) {
-    appendFileSync(this.file, JSON.stringify(entry) + "\n");
+    this.append(entry);
     fsyncSync(this.file);
+  }
+
+  /** A line, whole or not at all: nothing is written behind what a full disk has cut short. */
+  append(entry) {
+    if (this.torn) ftruncateSync(this.file, this.size);
+    const line = Buffer.from(JSON.stringify(entry) + "\n");
+    this.torn = true;
+    appendFileSync(this.file, line);
+    this.torn = false;
+    this.size += line.length;
   }
 }

@@ -17,6 +17,8 @@ struct Hdf5Reader::Implementation {
   [[noreturn]] void fail(const std::string& what) const {
     throw DataError(fmt::format("{}: {}", path, what));
   }
+  [[nodiscard]] bool exists(const std::string& name) const;
+  void require_own(hid_t object, const std::string& name) const;
   [[nodiscard]] Hdf5Handle object(const std::string& name) const;
   [[nodiscard]] Hdf5Handle data_set(const std::string& name) const;
   [[nodiscard]] Hdf5Handle attribute(const std::string& name, const std::string& attribute) const;
@@ -30,16 +32,6 @@ struct Hdf5Reader::Implementation {
 
 namespace {
 
-/// Whether every part of an absolute name exists; H5Lexists fails, rather than answers, on a missing parent.
-bool exists(hid_t file, const std::string& name) {
-  if (name == "/" || name.empty()) return true;
-  for (std::size_t end = name.find('/', 1);; end = name.find('/', end + 1)) {
-    if (H5Lexists(file, name.substr(0, end).c_str(), H5P_DEFAULT) <= 0) return false;
-    if (end == std::string::npos) break;
-  }
-  return H5Oexists_by_name(file, name.c_str(), H5P_DEFAULT) > 0;
-}
-
 /// Memory for `n` entries of something the file claims to hold.
 template <class T>
 std::vector<T> allocate(std::size_t n, const std::string& path, const std::string& name) {
@@ -52,15 +44,58 @@ std::vector<T> allocate(std::size_t n, const std::string& path, const std::strin
 
 }  // namespace
 
+namespace {
+
+constexpr const char* k_elsewhere =
+    "{} is in another file ({}): what a file says must be in it, or it has no identity; copy the content in "
+    "(h5copy, h5repack)";
+
+/// The file that an object is in.
+std::string file_of(hid_t object) {
+  std::string name(std::max<ssize_t>(H5Fget_name(object, nullptr, 0), 0), '\0');
+  (void)H5Fget_name(object, name.data(), name.size() + 1);
+  return name;
+}
+
+}  // namespace
+
+/// Whether every part of an absolute name exists; H5Lexists fails, rather than answers, on a missing parent.
+/// A link to another file is not followed.
+bool Hdf5Reader::Implementation::exists(const std::string& name) const {
+  if (name == "/" || name.empty()) return true;
+  for (std::size_t end = name.find('/', 1);; end = name.find('/', end + 1)) {
+    const std::string part = name.substr(0, end);
+    if (H5Lexists(file.get(), part.c_str(), H5P_DEFAULT) <= 0) return false;
+    H5L_info_t link;
+    if (H5Lget_info(file.get(), part.c_str(), &link, H5P_DEFAULT) < 0 || link.type == H5L_TYPE_ERROR)
+      return false;
+    if (link.type != H5L_TYPE_HARD && link.type != H5L_TYPE_SOFT)
+      fail(fmt::format(k_elsewhere, part, "an external link"));
+    if (end == std::string::npos) break;
+  }
+  return H5Oexists_by_name(file.get(), name.c_str(), H5P_DEFAULT) > 0;
+}
+
+/// A soft link may lead to an external one, and a data set may have its values elsewhere.
+void Hdf5Reader::Implementation::require_own(hid_t object, const std::string& name) const {
+  if (const std::string other = file_of(object); other != file_of(file.get()))
+    fail(fmt::format(k_elsewhere, name, other));
+  if (H5Iget_type(object) != H5I_DATASET) return;
+  const Hdf5Handle made(H5Dget_create_plist(object), H5Pclose);
+  if (H5Pget_external_count(made.get()) > 0) fail(fmt::format(k_elsewhere, name, "external storage"));
+  if (H5Pget_layout(made.get()) == H5D_VIRTUAL) fail(fmt::format(k_elsewhere, name, "a virtual data set"));
+}
+
 Hdf5Handle Hdf5Reader::Implementation::object(const std::string& name) const {
-  if (!exists(file.get(), name)) fail(fmt::format("there is no {} in the file", name));
+  if (!exists(name)) fail(fmt::format("there is no {} in the file", name));
   Hdf5Handle result(H5Oopen(file.get(), name.c_str(), H5P_DEFAULT), H5Oclose);
   if (!result) fail(fmt::format("could not open {}: {}", name, hdf5_cause()));
+  require_own(result.get(), name);
   return result;
 }
 
 Hdf5Handle Hdf5Reader::Implementation::data_set(const std::string& name) const {
-  if (!exists(file.get(), name)) fail(fmt::format("data set {} is missing", name));
+  if (!exists(name)) fail(fmt::format("data set {} is missing", name));
   const Hdf5Handle any = object(name);
   if (H5Iget_type(any.get()) != H5I_DATASET) fail(fmt::format("{} is not a data set", name));
   Hdf5Handle result(H5Dopen2(file.get(), name.c_str(), H5P_DEFAULT), H5Dclose);
@@ -133,7 +168,7 @@ const std::string& Hdf5Reader::path() const {
 }
 
 bool Hdf5Reader::has(const std::string& name) const {
-  return exists(implementation_->file.get(), name);
+  return implementation_->exists(name);
 }
 
 std::vector<std::string> Hdf5Reader::members(const std::string& group) const {

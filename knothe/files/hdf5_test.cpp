@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <hdf5.h>
 #include <sys/resource.h>
 
 #include <cmath>
@@ -117,6 +118,44 @@ TEST(Hdf5, WrongContentsAreNamed) {
               HasSubstr("attribute form of / must be one number"));
   EXPECT_THAT(message_of<DataError>([&] { (void)file.text_attribute("/modes", "error"); }),
               HasSubstr("attribute error of /modes must be text"));
+}
+
+/// Each way in which HDF5 can have its values in another file.
+TEST(Hdf5, WhatIsInAnotherFileIsRefused) {
+  const TestFolder folder;
+  const std::string path = folder.file("model.h5"), other = folder.file("other.h5");
+  write_example(other);
+  std::ofstream(folder.file("raw")) << std::string(48, 'x');
+  write_example(path);
+  {
+    const hid_t file = H5Fopen(path.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+    H5Lcreate_external(other.c_str(), "/modes/space", file, "/linked", H5P_DEFAULT, H5P_DEFAULT);
+    H5Lcreate_external(other.c_str(), "/modes", file, "/group", H5P_DEFAULT, H5P_DEFAULT);
+    H5Lcreate_soft("/group/space", file, "/soft", H5P_DEFAULT, H5P_DEFAULT);
+    H5Lcreate_soft("/modes/space", file, "/inside", H5P_DEFAULT, H5P_DEFAULT);
+    const hsize_t shape[2] = {2, 3};
+    const hid_t space = H5Screate_simple(2, shape, nullptr);
+    const hid_t outside = H5Pcreate(H5P_DATASET_CREATE);
+    H5Pset_external(outside, folder.file("raw").c_str(), 0, 48);
+    H5Dclose(H5Dcreate2(file, "/raw", H5T_NATIVE_DOUBLE, space, H5P_DEFAULT, outside, H5P_DEFAULT));
+    const hid_t virtually = H5Pcreate(H5P_DATASET_CREATE);
+    H5Pset_virtual(virtually, space, other.c_str(), "/modes/space", space);
+    H5Dclose(H5Dcreate2(file, "/virtual", H5T_NATIVE_DOUBLE, space, H5P_DEFAULT, virtually, H5P_DEFAULT));
+    H5Fclose(file);
+  }
+  const Hdf5Reader file(path);
+  EXPECT_EQ(file.read("/inside"), file.read("/modes/space"));
+  for (const char* name : {"/linked", "/group/space", "/soft", "/raw", "/virtual"}) {
+    try {
+      (void)file.read(name);
+      ADD_FAILURE() << name;
+    } catch (const DataError& error) {
+      EXPECT_THAT(error.what(), HasSubstr("model.h5: ")) << name;
+      EXPECT_THAT(error.what(), HasSubstr("is in another file")) << name;
+    }
+  }
+  EXPECT_THROW((void)file.has("/linked"), DataError);
+  EXPECT_THROW((void)file.members("/group"), DataError);
 }
 
 TEST(Hdf5, NanIsRefusedByFullIndex) {

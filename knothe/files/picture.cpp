@@ -20,12 +20,15 @@ void fail(const std::string& path, const std::string& reason) {
 }
 
 Picture sized(const std::string& path, std::int64_t width, std::int64_t height, int bit_depth,
-              std::size_t file_bytes) {
+              std::size_t file_bytes, std::int64_t max_pixels) {
   constexpr std::int64_t k_largest = 65535;
   constexpr std::int64_t k_always = 1 << 20, k_per_byte = 4096;  // pixels
   if (width < 1 || height < 1 || width > k_largest || height > k_largest)
     fail(path, fmt::format("a picture of {} × {} pixels; 1 × 1 to {} × {} are possible", width, height,
                            k_largest, k_largest));
+  if (width * height > max_pixels)
+    fail(path, fmt::format("a picture of {} × {} pixels, more than the {} that are expected", width, height,
+                           max_pixels));
   if (width * height > k_always + k_per_byte * static_cast<std::int64_t>(file_bytes))
     fail(path, fmt::format("the file is truncated or damaged: it says {} × {} pixels and has {} bytes", width,
                            height, file_bytes));
@@ -69,7 +72,7 @@ long header_number(const std::string& path, const std::string& bytes, std::size_
 }
 
 /// PGM, and PPM with three numbers for each pixel.
-Picture read_pgm(const std::string& path, const std::string& bytes, Colour colour) {
+Picture read_pgm(const std::string& path, const std::string& bytes, Colour colour, std::int64_t max_pixels) {
   const bool plain = bytes[1] == '2' || bytes[1] == '3';
   const std::size_t channels = bytes[1] == '3' || bytes[1] == '6' ? 3 : 1;
   std::size_t at = 2;
@@ -78,7 +81,7 @@ Picture read_pgm(const std::string& path, const std::string& bytes, Colour colou
   if (maximum < 1 || maximum > 65535) fail(path, fmt::format("PGM maximum {} is not in 1 … 65535", maximum));
   int bits = 1;
   while ((1L << bits) - 1 < maximum) ++bits;
-  Picture picture = sized(path, width, height, bits, bytes.size());
+  Picture picture = sized(path, width, height, bits, bytes.size(), max_pixels);
   picture.maximum = maximum;
   const std::size_t size = maximum > 255 ? 2 : 1, needed = picture.pixels.size() * channels * size;
   if (!plain && bytes.size() < ++at + needed)  // one white space
@@ -109,7 +112,7 @@ std::uint32_t little_endian(const std::string& bytes, std::size_t at, int count)
 }
 
 /// Uncompressed Windows bitmaps of 8 bits with a palette, or 24 and 32 bits.
-Picture read_bmp(const std::string& path, const std::string& bytes, Colour colour) {
+Picture read_bmp(const std::string& path, const std::string& bytes, Colour colour, std::int64_t max_pixels) {
   if (bytes.size() < 54) fail(path, "the file is truncated: it ends within the BMP header");
   const std::size_t pixels_at = little_endian(bytes, 10, 4), header = little_endian(bytes, 14, 4);
   const std::int32_t width = little_endian(bytes, 18, 4);
@@ -119,7 +122,8 @@ Picture read_bmp(const std::string& path, const std::string& bytes, Colour colou
     fail(path, "a compressed BMP; save it uncompressed, or as TIFF or PNG");
   if (bits != 8 && bits != 24 && bits != 32)
     fail(path, fmt::format("a BMP of {} bits a pixel; 8, 24 and 32 can be read", bits));
-  Picture picture = sized(path, width, std::abs(static_cast<std::int64_t>(stored_height)), 8, bytes.size());
+  Picture picture =
+      sized(path, width, std::abs(static_cast<std::int64_t>(stored_height)), 8, bytes.size(), max_pixels);
   const std::size_t w = picture.width, step = bits / 8, row_bytes = (w * step + 3) / 4 * 4;
   if (bytes.size() < pixels_at + row_bytes * picture.height)
     fail(path, "the file is truncated: pixels are missing");
@@ -197,11 +201,11 @@ int picture_formats::exif_orientation(std::string_view block) {
   return 1;
 }
 
-Picture read_picture(const std::string& path, Colour colour) {
+Picture read_picture(const std::string& path, Colour colour, std::int64_t max_pixels) {
   std::error_code failure;
   if (!std::filesystem::exists(path, failure)) fail(path, "there is no such picture");
   if (std::filesystem::is_directory(path, failure)) fail(path, "this is a folder, not a picture");
-  if (is_tiff(path)) return read_tiff(path, std::filesystem::file_size(path), colour);
+  if (is_tiff(path)) return read_tiff(path, std::filesystem::file_size(path), colour, max_pixels);
   std::string bytes;
   try {
     bytes = read_text(path);
@@ -210,11 +214,11 @@ Picture read_picture(const std::string& path, Colour colour) {
   }
   if (bytes.size() < 8)
     fail(path, bytes.empty() ? "the file is empty" : "the file is too short for a picture");
-  if (begins_with(bytes, "\x89PNG")) return read_png(path, bytes, colour);
-  if (begins_with(bytes, "\xFF\xD8\xFF")) return read_jpeg(path, bytes, colour);
-  if (begins_with(bytes, "BM")) return read_bmp(path, bytes, colour);
+  if (begins_with(bytes, "\x89PNG")) return read_png(path, bytes, colour, max_pixels);
+  if (begins_with(bytes, "\xFF\xD8\xFF")) return read_jpeg(path, bytes, colour, max_pixels);
+  if (begins_with(bytes, "BM")) return read_bmp(path, bytes, colour, max_pixels);
   for (const char* kind : {"P2", "P3", "P5", "P6"})
-    if (begins_with(bytes, kind)) return read_pgm(path, bytes, colour);
+    if (begins_with(bytes, kind)) return read_pgm(path, bytes, colour, max_pixels);
   fail(path, "unsupported picture format; TIFF, PNG, JPEG, BMP and PGM can be read");
 }
 

@@ -37,8 +37,10 @@ constexpr auto names_of(Colour /*colour*/) {
 
 /// Reads a picture; the format is told from the content, not from the name. One that is stored in colour, or
 /// by a palette, but holds grey levels only is grey. Errors: DataError naming the file and the reason:
-/// missing, unreadable, truncated, in colour, more than 16 bits, several pages.
-[[nodiscard]] Picture read_picture(const std::string& path, Colour colour = Colour::refuse);
+/// missing, unreadable, truncated, in colour, more than 16 bits, several pages, more than `max_pixels` by its
+/// header (then nothing is decoded).
+[[nodiscard]] Picture read_picture(const std::string& path, Colour colour = Colour::refuse,
+                                   std::int64_t max_pixels = std::int64_t{1} << 32);
 
 /// Writes a grey TIFF of 8 or 16 bits (`bit_depth` ≤ 8: 8), rounding and clipping; atomic. Errors: IoError,
 /// UsageError for a value that is not finite.

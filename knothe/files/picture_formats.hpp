@@ -14,9 +14,10 @@ inline constexpr const char* k_colour =
 /// Throws DataError "path: error: reason".
 [[noreturn]] void fail(const std::string& path, const std::string& reason);
 /// An empty picture of that size; fails on sizes that make no sense, also for a file of `file_bytes`: no
-/// compression of a grey picture saves so much, and memory is not taken on the word of a damaged header.
+/// compression of a grey picture saves so much, and memory is not taken on the word of a damaged header. And
+/// on one of more than `max_pixels`.
 [[nodiscard]] Picture sized(const std::string& path, std::int64_t width, std::int64_t height, int bit_depth,
-                            std::size_t file_bytes);
+                            std::size_t file_bytes, std::int64_t max_pixels);
 
 /// The grey level of a pixel in colour. Fails where its channels differ and colour is refused.
 [[nodiscard]] float grey_of(const std::string& path, Colour colour, float red, float green, float blue);
@@ -27,8 +28,11 @@ inline constexpr const char* k_colour =
 /// The orientation that a block of Exif data (TIFF's layout) tells; 1 where it tells none.
 [[nodiscard]] int exif_orientation(std::string_view block);
 
-[[nodiscard]] Picture read_tiff(const std::string& path, std::size_t file_bytes, Colour colour);
-[[nodiscard]] Picture read_png(const std::string& path, const std::string& bytes, Colour colour);
-[[nodiscard]] Picture read_jpeg(const std::string& path, const std::string& bytes, Colour colour);
+[[nodiscard]] Picture read_tiff(const std::string& path, std::size_t file_bytes, Colour colour,
+                                std::int64_t max_pixels);
+[[nodiscard]] Picture read_png(const std::string& path, const std::string& bytes, Colour colour,
+                               std::int64_t max_pixels);
+[[nodiscard]] Picture read_jpeg(const std::string& path, const std::string& bytes, Colour colour,
+                                std::int64_t max_pixels);
 
 }  // namespace knothe::files::picture_formats

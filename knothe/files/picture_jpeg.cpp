@@ -34,7 +34,8 @@ struct Decoder {
 
 }  // namespace
 
-Picture picture_formats::read_jpeg(const std::string& path, const std::string& bytes, Colour colour) {
+Picture picture_formats::read_jpeg(const std::string& path, const std::string& bytes, Colour colour,
+                                   std::int64_t max_pixels) {
   Decoder decoder(path);
   jpeg_decompress_struct& jpeg = decoder.jpeg;
   jpeg_mem_src(&jpeg, reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size());
@@ -49,7 +50,7 @@ Picture picture_formats::read_jpeg(const std::string& path, const std::string& b
   if (jpeg.num_components == 4) fail(path, "a JPEG of four inks (CMYK): save it in grey levels");
   if (!grey && jpeg.num_components != 3) fail(path, k_colour);
   jpeg.out_color_space = grey ? JCS_GRAYSCALE : JCS_RGB;
-  Picture picture = sized(path, jpeg.image_width, jpeg.image_height, 8, bytes.size());
+  Picture picture = sized(path, jpeg.image_width, jpeg.image_height, 8, bytes.size(), max_pixels);
   picture.remark = fmt::format(
       "{}: a JPEG: compression has altered the grey levels that the correlation uses, so the stated noise is "
       "unreliable; save TIFF or PNG if the camera can",

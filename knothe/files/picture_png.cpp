@@ -65,7 +65,8 @@ struct Writer {
 
 }  // namespace
 
-Picture picture_formats::read_png(const std::string& path, const std::string& bytes, Colour colour) {
+Picture picture_formats::read_png(const std::string& path, const std::string& bytes, Colour colour,
+                                  std::int64_t max_pixels) {
   Reader reader(path);
   Source source{&bytes, 0};
   png_set_read_fn(reader.png, &source, read_bytes);
@@ -80,7 +81,7 @@ Picture picture_formats::read_png(const std::string& path, const std::string& by
   const int passes = png_set_interlace_handling(reader.png);
   png_read_update_info(reader.png, reader.info);
   Picture picture = sized(path, png_get_image_width(reader.png, reader.info),
-                          png_get_image_height(reader.png, reader.info), bits, bytes.size());
+                          png_get_image_height(reader.png, reader.info), bits, bytes.size(), max_pixels);
   const bool in_colour = (type & PNG_COLOR_MASK_COLOR) != 0;
   const std::size_t row_bytes = png_get_rowbytes(reader.png, reader.info);
   std::vector<unsigned char> all(row_bytes * picture.height);

@@ -317,6 +317,26 @@ TEST(Picture, JpegIsReadWithARemark) {
   }
 }
 
+/// By the header: whatever the format, nothing of the size it claims is allocated.
+TEST(Picture, OneThatIsLargerThanExpectedIsNotDecoded) {
+  const TestFolder folder;
+  write_tiff(folder.file("a.tif"), ramp(20, 10, 8));
+  write_png(folder.file("a.png"), ramp(20, 10, 16));
+  write_text_atomically(folder.file("a.pgm"), "P5 20 10 255\n" + std::string(200, 'x'));
+  for (const char* name : {"a.tif", "a.png", "a.pgm"}) {
+    const std::string path = folder.file(name);
+    EXPECT_EQ(read_picture(path, Colour::refuse, 200).width, 20) << name;
+    try {
+      (void)read_picture(path, Colour::refuse, 199);
+      ADD_FAILURE() << name;
+    } catch (const DataError& error) {
+      EXPECT_THAT(error.what(), EndsWith("a picture of 20 × 10 pixels, more than the 199 that are expected"));
+    }
+  }
+  write_text_atomically(folder.file("huge.pgm"), "P5 20000 20000 255\n");  // without its pixels
+  EXPECT_THROW((void)read_picture(folder.file("huge.pgm"), Colour::refuse, 200), DataError);
+}
+
 TEST(Picture, SaysWhyAFileCannotBeRead) {
   const TestFolder folder;
   EXPECT_THAT(reason(folder.file("none.tif")), EndsWith("none.tif: error: there is no such picture"));

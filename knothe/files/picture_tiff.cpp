@@ -70,7 +70,8 @@ void round_row(const Picture& picture, int y, Integer* out) {
 
 }  // namespace
 
-Picture picture_formats::read_tiff(const std::string& path, std::size_t file_bytes, Colour colour) {
+Picture picture_formats::read_tiff(const std::string& path, std::size_t file_bytes, Colour colour,
+                                   std::int64_t max_pixels) {
   TIFFSetErrorHandler(remember);
   TIFFSetWarningHandler(ignore);
   last_words.clear();
@@ -106,7 +107,7 @@ Picture picture_formats::read_tiff(const std::string& path, std::size_t file_byt
   if (TIFFNumberOfDirectories(tiff.get()) > 1)
     fail(path, "a TIFF of several pages; save one picture per file");
   if (TIFFIsTiled(tiff.get()) != 0) fail(path, "a tiled TIFF; save it in strips");
-  Picture picture = sized(path, width, height, palette ? 8 : bits, file_bytes);
+  Picture picture = sized(path, width, height, palette ? 8 : bits, file_bytes, max_pixels);
   if (has_sign) picture.maximum = bits == 8 ? 127 : 32767;
   const std::vector<float> levels =
       palette ? palette_levels(tiff.get(), path, bits, colour) : std::vector<float>();

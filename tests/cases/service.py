@@ -298,7 +298,7 @@ class Test(ServiceCase):
         self.assertEqual(len(service.get("/v1/quarantine")[1]["quarantined"]), 1)  # no way round
         self.withdraw(service, bad, 1)
         status, answer = service.send(self.data[1])  # ten places late, but what it corrects was not
-        self.assertEqual((status, answer), (200, {"accepted": True, "duplicate": False, "step": 1, "replacement": True}))
+        self.assertEqual((status, answer), (200, {"accepted": True, "duplicate": False, "step": 1, "record": 14, "replacement": True}))
         service.settled(14)
         self.assertEqual([comparable(line) for line in service.states()], expected)
         known = {**self.with_one_metre(self.data[2]), "status": ["bad" if i == 3 else "good" for i in range(24)]}
@@ -375,7 +375,7 @@ class Test(ServiceCase):
         self.withdraw(service, wrong, 2)
         # Nine places late, but in the place of one that was in time.
         status, answer = service.send(self.data[2])
-        self.assertEqual((status, answer), (200, {"accepted": True, "duplicate": False, "step": 2, "replacement": True}))
+        self.assertEqual((status, answer), (200, {"accepted": True, "duplicate": False, "step": 2, "record": 13, "replacement": True}))
         self.expect_stored(service.send(self.data[2]), 2, duplicate=True)
         service.settled(13)
         self.assertEqual([comparable(line) for line in service.states()], expected)
@@ -628,6 +628,42 @@ class Test(ServiceCase):
         self.assertEqual(service.post("/v1/withdraw", key), (200, {"withdrawn": True, "step": 1}))
         self.assertEqual(service.get("/v1/status")[1]["malformed"], 3)
         self.expect_stored(service.send(self.data[1]), 1)
+
+    def test_what_a_broker_keeps_does_nothing_twice(self):
+        """Retained messages come again at each start: the withdrawal leaves the corrected datum, the datum stays withdrawn."""
+        broker = Broker(self.folder)
+        self.addCleanup(broker.stop)
+        service = self.serve(extra=f'[serve.mqtt]\nbroker = "127.0.0.1:{broker.port}"\n')
+        service.wait_until(lambda: service.logged().count("subscribed at the MQTT broker") == 2)
+        publish = lambda what, body: broker.publish(f"knothe/v1/assimilation/camera/{what}", json.dumps(body).encode(), retain=True)
+        wrong = {**self.data[1], "values": [1.5 * v for v in self.data[1]["values"]]}
+        self.expect_stored(service.send(self.data[0]))
+        self.assertEqual(service.send(wrong)[1]["record"], 2)
+        publish("withdraw", self.key_of(wrong))
+        service.wait_until(lambda: "a datum was withdrawn" in service.logged())
+        self.assertEqual(service.send(self.data[1])[1]["record"], 3)
+        publish("data", self.data[2])
+        service.settled(4)
+        self.assertEqual(service.post("/v1/withdraw", {**self.key_of(self.data[2]), "record": 4})[0], 200)
+        service.settled(4)
+        expected = service.states()
+        self.assertEqual([line["step"] for line in expected], [0, 1])
+        for _ in range(2):
+            service.stop()
+            told = service.logged().count("subscribed at the MQTT broker")
+            answers = broker.listen("knothe/v1/assimilation/camera/answer")
+            service.start()
+            service.wait_until(lambda: service.logged().count("subscribed at the MQTT broker") == told + 2)
+            said = sorted(json.dumps(json.loads(answers.get(timeout=60))) for _ in range(2))
+            self.assertIn('"withdrawn": true', said[1])
+            self.assertIn("does not restore it", said[0])
+            self.assertEqual([comparable(line) for line in (service.settled(4), service.states())[1]], [comparable(line) for line in expected])
+        # A withdrawal that is sent again after the correction names its record, too.
+        self.assertEqual(service.post("/v1/withdraw", {**self.key_of(wrong), "record": 2})[0], 200)
+        self.expect_error(service.post("/v1/withdraw", {**self.key_of(wrong), "record": 1}), 404, "UnknownDatum")
+        self.assertEqual(len((service.settled(4), service.states())[1]), 2)
+        self.assertEqual(service.post("/v1/withdraw", {**self.key_of(wrong), "record": 3})[0], 200)
+        self.assertEqual(len((service.settled(4), service.states())[1]), 1)
 
     def test_mqtt_with_tls_and_a_password(self):
         make_certificates(self.folder)

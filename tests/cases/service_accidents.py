@@ -1,4 +1,5 @@
 """`knothe serve` when its model, journal, disk, broker or log change under it: nothing goes wrong in silence."""
+import contextlib
 import json
 import os
 import pathlib
@@ -327,7 +328,112 @@ class Test(ServiceCase):
                     self.assertEqual(service.settled(2)["records"], 2)
                     service.stop()
 
+    def test_a_checkpoint_by_another_program_is_no_accident(self):
+        """Backup programs and browsers of databases move SQLite's log into the file."""
+        service = self.serve()
+        for k, mode in enumerate(("PASSIVE", "FULL", "RESTART", "TRUNCATE") * 2):
+            for seq in range(4):  # enough for the file to grow
+                self.expect_stored(service.send({**self.data[k], "source": f"camera {seq}"}), k)
+            with contextlib.closing(sqlite3.connect(self.journal())) as other:
+                other.execute(f"PRAGMA wal_checkpoint({mode})").fetchall()
+                other.execute("SELECT count(*) FROM measurement").fetchall()
+            self.expect_stored(service.send({**self.data[k], "source": "after"}), k)
+        self.assertFalse(service.get("/v1/status")[1]["read_only"])
+        service.settled(40)
+        # Another journal over it is one, though its tables are the same.
+        with contextlib.closing(sqlite3.connect(self.journal())) as it, contextlib.closing(sqlite3.connect(self.folder / "other")) as other:
+            it.backup(other)
+            other.execute("UPDATE meta SET value = value + 1 WHERE key = 'journal'")
+            other.commit()
+        self.journal().write_bytes((self.folder / "other").read_bytes())
+        self.expect_error(service.send(self.data[9]), 507, "DiskFull")
+
+    def test_a_log_lost_with_its_mark_is_said(self):
+        service = self.serve()
+        self.expect_stored(service.send(self.data[0]), 0)
+        service.wait_until(lambda: self.journal("-wal").stat().st_size == 0)
+        for datum in self.data[1:]:
+            service.send(datum)
+        service.kill()
+        self.journal("-wal").unlink()
+        self.journal("-mark").unlink()
+        said = "assimilation.journal-mark, which says how much was acknowledged, is missing or damaged"
+        self.assertIn(said, self.expect(0, "replay", self.journal()).out)
+        service.start()
+        self.assertIn(said, service.logged())
+        self.assertTrue([a for a in self.alarms(service) if a["kind"] == "journal" and said in a["message"]])
+        for datum in self.data:
+            self.assertEqual(service.send(datum)[0], 200)
+        service.stop()
+        self.assertNotIn(said, self.expect(0, "replay", self.journal()).out)
+        self.expect(0, "backup", self.journal(), "-o", "copy.journal")
+        self.assertNotIn("acknowledged", self.expect(0, "replay", "copy.journal", "--project", self.project_name).out)
+
+    def test_what_the_service_writes_is_nobody_elses_business(self):
+        service = self.serve(umask=0)
+        self.expect_stored(service.send(self.data[0]), 0)
+        service.settled(1)
+        self.expect(0, "backup", self.journal(), "-o", "copy.journal")
+        for path in (*self.folder.glob("assimilation.journal*"), self.folder / "copy.journal"):
+            self.assertEqual(path.stat().st_mode & 0o777, 0o600, path)
+        service.stop()
+
     # Broker and log
+
+    def test_what_is_refused_though_it_was_acknowledged_is_kept(self):
+        """A dead letter and an alarm for each kind; a flood of them leaves the log readable."""
+        broker = Broker(self.folder)
+        self.addCleanup(broker.stop)
+        service = self.serve(extra=f'mqtt = {{ broker = "127.0.0.1:{broker.port}" }}\n')
+        service.wait_until(lambda: service.logged().count("subscribed at the MQTT broker") == 2)
+        topic = "knothe/v1/assimilation/camera/data"
+        other = {**self.data[0], "values": [2 * v for v in self.data[0]["values"]]}
+        for body in (self.data[0], other, {**self.data[1], "values": [1.0]}):
+            broker.publish(topic, json.dumps(body).encode())
+        for k in range(400):
+            broker.publish(topic, b"nonsense %d" % k)
+        letters = self.journal("-refused.jsonl")
+        service.wait_until(lambda: letters.exists() and len(letters.read_text().splitlines()) == 402)
+        kept = [json.loads(line) for line in letters.read_text().splitlines()]
+        self.assertEqual([letter["type"] for letter in kept[:3]], ["Conflict", "WrongSize", "Malformed"])
+        self.assertEqual(json.loads(kept[0]["payload"]), other)
+        self.assertEqual([letter["payload"] for letter in kept[2:]], [f"nonsense {k}" for k in range(400)])
+        told = [a["message"] for a in self.alarms(service) if "refused" in a["message"]]
+        self.assertEqual(len(told), 3, told)
+        self.assertIn("assimilation.journal-refused.jsonl", told[0])
+        self.assertEqual(letters.stat().st_mode & 0o777, 0o600)
+        self.assertEqual(service.stop(), 130)
+        lines = [json.loads(line) for line in service.logged().splitlines() if line.startswith("{")]
+        written = [line for line in lines if line["event"] == "a message was refused"]
+        self.assertLess(len(written), 200)
+        left_out = sum(line.get("left_out_before", 0) for line in written)
+        left_out += sum(line["lines"] for line in lines if line["event"] == "lines of one kind were left out")
+        self.assertEqual(len(written) + left_out, 402)
+
+    def test_two_services_at_one_broker_keep_all(self):
+        """Machines whose journals have the same path: one broker, and none takes the other's place."""
+        broker = Broker(self.folder)
+        self.addCleanup(broker.stop)
+        text = self.project.read_text()
+        services = []
+        for site in ("one", "other"):
+            folder = self.folder / site
+            folder.mkdir()
+            for name in ("model.h5", "data.h5", "data.csv"):
+                shutil.copy(self.folder / name, folder / name)
+            (folder / self.project_name).write_text(text + f'\n[serve]\nsite = "{site}"\nmqtt = {{ broker = "127.0.0.1:{broker.port}" }}\n')
+            service = Service(folder, self.project_name)
+            self.addCleanup(lambda service=service: service.process and service.process.poll() is None and service.kill())
+            services.append(service.start())
+        for service in services:
+            service.wait_until(lambda service=service: service.logged().count("subscribed at the MQTT broker") == 2)
+        for datum in self.data:
+            for site in ("one", "other"):
+                broker.publish(f"knothe/v1/{site}/camera/data", json.dumps(datum).encode())
+        for service in services:
+            service.settled(12)
+            self.assertNotIn("the MQTT broker is away", service.logged())
+            service.stop()
 
     def test_a_broker_that_comes_later_is_found(self):
         first = Broker(self.folder)

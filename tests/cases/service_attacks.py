@@ -28,6 +28,9 @@ class Test(ServiceCase):
                 pass
             return answer
 
+    def metric(self, service, name):
+        return float(re.search(rf"^{name}(?:{{.*}})? (\S+)$", service.get("/metrics")[1].decode(), re.MULTILINE)[1])
+
     def request(self, method, path, *headers, body=b""):
         return "\r\n".join([f"{method} {path} HTTP/1.1", "Host: localhost", *headers, "", ""]).encode() + body
 
@@ -190,6 +193,49 @@ class Test(ServiceCase):
             self.assertIn("Last-Event-ID", answer[1]["error"]["message"])
         self.expect_error(service.get("/v1/events?from=x"), 400, "Malformed")
         self.expect_error(service.get("/v1/events?site=x"), 404, "UnknownSite")
+
+    def test_targets_heads_and_hosts_are_as_rfc_9112_has_them(self):
+        service = self.serve()
+        at = f"127.0.0.1:{service.port}"
+        for target in (f"http://{at}/livez", f"HTTP://{at}/livez", "http://localhost/livez?x=1"):
+            self.assertIn(b" 200 OK", self.raw(service, f"GET {target} HTTP/1.1\r\nHost: other.example\r\nConnection: close\r\n\r\n".encode()), target)
+        self.assertIn(b"text/html", self.raw(service, f"GET http://{at} HTTP/1.1\r\nHost: {at}\r\nConnection: close\r\n\r\n".encode()))
+        self.assertIn(b'{"sites":', self.raw(service, f"GET http://{at}/v1/sites HTTP/1.1\r\nHost: {at}\r\nConnection: close\r\n\r\n".encode()))
+        self.assertIn(b" 403 ", self.raw(service, b"GET http://evil.example/livez HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"))
+        for host in ("", " ", ":80"):
+            self.assertIn(b" 403 ", self.raw(service, f"GET /livez HTTP/1.1\r\nHost:{host}\r\nConnection: close\r\n\r\n".encode()), host)
+        for path, status in (("/nothing", 404), ("/v1/measurements", 405), ("/v1/state", 404), ("/livez", 200)):
+            answer = self.raw(service, self.request("HEAD", path, "Connection: close"))
+            self.assertIn(f" {status} ".encode(), answer)
+            self.assertTrue(answer.endswith(b"\r\n\r\n"), answer)
+        body = json.dumps(self.data[0]).encode()
+        for version, expected in (("1.0", False), ("1.1", True)):
+            head = f"POST /v1/measurements HTTP/{version}\r\nHost: localhost\r\nExpect: 100-continue\r\nConnection: close\r\nContent-Length: {len(body)}\r\n\r\n"
+            answer = self.raw(service, head.encode() + body)
+            self.assertEqual(b"100 Continue" in answer, expected, answer)
+            self.assertIn(b" 200 OK", answer)
+
+    def test_a_page_behind_a_proxy_may_press_its_buttons_with_a_token(self):
+        """docs/how-to/nginx.md: the host is the loopback address, the browser's origin the public name."""
+        (self.folder / "read").write_text("the reader's secret words\n")
+        (self.folder / "ingest").write_text("the sender's secret words\n")
+        service = self.serve(extra='read_token = "read"\ningest_token = "ingest"\n')
+        ask = lambda token: service.post("/v1/notes", {"by": "Ada", "text": "a note"}, None, Origin="https://knothe.example.org",
+                                         **({"Authorization": f"Bearer {token}"} if token else {}))
+        self.assertEqual(ask("the sender's secret words")[0], 200)
+        for token in ("", "the reader's secret words", "the sender's secret word"):
+            self.expect_error(ask(token), 403, "WrongOrigin")
+        self.assertEqual(service.get("/v1/sites", Origin="https://knothe.example.org", Authorization="Bearer the reader's secret words")[0], 200)
+        self.expect_error(service.get("/", Origin="https://knothe.example.org"), 403, "WrongOrigin")
+
+    def test_idle_connections_beyond_the_open_files_leave_room_for_data(self):
+        service = self.serve(preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64)))
+        self.assertIn("the limit of open files is too low", service.logged())
+        crowd = [socket.create_connection(("127.0.0.1", service.port)) for _ in range(200)]
+        self.expect_stored(service.send(self.data[0]), 0)
+        self.assertLess(self.metric(service, "knothe_connections"), 64)
+        for one in crowd:
+            one.close()
 
     def test_a_crowd_does_not_keep_data_out(self):
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)

@@ -1,5 +1,7 @@
 """A new specimen without a restart: another test takes the place of the one that runs, and nothing of either is lost."""
 import json
+import os
+import shutil
 import threading
 import time
 import unittest
@@ -288,6 +290,47 @@ class Test(ServiceCase):
         self.assertEqual(service.post("/v1/tests/resume", {"name": "", "by": "Ada"})[0], 200)
         put("d.csv", 3)
         self.assertEqual([line["step"] for line in (service.settled(2), service.states())[1]], [0, 3])
+
+    def test_nothing_that_is_done_to_old_files_makes_them_the_new_specimens(self):
+        """Permission, time, a new copy, another name: the content tells. Of the new specimen is what differs, whatever its name."""
+        rows = (self.folder / "data.csv").read_text().splitlines()
+        of = lambda k: "\n".join([rows[0]] + [row for row in rows[1:] if float(row.split(",")[0]) == self.data[k]["time"]]) + "\n"
+        inside = self.folder / "in"
+        inside.mkdir()
+        service = self.serve(extra='watch_csv = "in"\nsettle = 0.1\n')
+        for k in range(5):
+            (inside / f"{k}.csv").write_text(of(k))
+        service.settled(5)
+        (inside / "unread.csv").write_text("not finished")  # no test will have taken it
+        self.assertEqual(self.begin(service, "second")[0], 200)
+        service.wait_until(lambda: any("1 files came before this test" in a["message"] for a in service.get("/v1/alarms")[1]["alarms"]))
+
+        def disturb():
+            os.chmod(inside / "0.csv", 0o600)
+            os.utime(inside / "1.csv")
+            (inside / "2.csv").write_text(of(2))
+            os.replace(inside / "3.csv", inside / "renamed.csv") if (inside / "3.csv").exists() else os.utime(inside / "renamed.csv")
+            shutil.copy(inside / "4.csv", inside / ".copy")
+            os.replace(inside / ".copy", inside / "4.csv")
+
+        disturb()
+        (inside / "0.csv").write_text(of(6))  # the new specimen's, by the name of an old one
+        service.wait_until(lambda: service.get("/v1/status")[1]["records"] == 1)
+        (inside / "last.csv").write_text(of(7))
+        self.assertEqual([line["step"] for line in (service.settled(2), service.states())[1]], [6, 7])
+        service.kill()
+        # Archived, as its project's test was: what was its data is known all the same.
+        for path in self.folder.glob("assimilation.journal*"):
+            path.rename(path.with_name("archived-" + path.name))
+        service.start(wait=False)
+        self.assertEqual(service.end(), 4)
+        self.assertRegex(service.logged(), r'assimilation.journal: is missing, and the test \\?"second\\?" goes on')
+        self.assertFalse((self.folder / "assimilation.journal").exists())
+        service.arguments = ("--test", "second")
+        disturb()
+        service.start()
+        (inside / "later.csv").write_text(of(8))
+        self.assertEqual([line["step"] for line in (service.settled(3), service.states())[1]], [6, 7, 8])
 
     def test_the_broker_and_outside_models_go_over_to_the_new_test(self):
         broker = Broker(self.folder)

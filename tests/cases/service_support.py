@@ -257,7 +257,7 @@ class Broker:
         threading.Thread(target=read, daemon=True).start()
         return payloads
 
-    def publish(self, topic, payload):
+    def publish(self, topic, payload, retain=False):
         """One message of QoS 1; returns when the broker has it."""
         answer = lambda: b"".join(one.recv(1) for _ in range(4))
         with contextlib.ExitStack() as stack:
@@ -268,7 +268,7 @@ class Broker:
                 flags, more = b"\xc2", text(b"gauge") + text(self.password.encode())
             one.sendall(packet(0x10, text(b"MQTT") + b"\x04" + flags + b"\x00\x3c" + text(b"sender") + more))
             assert answer()[:1] == b"\x20"
-            one.sendall(packet(0x32, text(topic.encode()) + b"\x00\x01" + payload))
+            one.sendall(packet(0x33 if retain else 0x32, text(topic.encode()) + b"\x00\x01" + payload))
             assert answer()[:1] == b"\x40"
 
     def stop(self):

@@ -1,11 +1,14 @@
 """`knothe serve` with a folder in which a camera leaves its pictures. Judged by `knothe assimilate` on the same pictures."""
 import math
 import os
+import pathlib
 import random
+import re
 import shutil
 import struct
 import time
 import unittest
+import zlib
 
 import analytic_model
 from service_support import ServiceCase
@@ -178,6 +181,79 @@ class Test(ServiceCase):
         said = alarms()
         self.assertIn("missing: ", said)
         self.assertIn("does not say its time", said)
+
+    def alarms(self, service):
+        return [alarm["message"] for alarm in service.get("/v1/alarms")[1]["alarms"]]
+
+    def wait_for_alarms(self, service, *texts):
+        service.wait_until(lambda: all(any(text in message for message in self.alarms(service)) for text in texts))
+
+    def test_pictures_of_one_number_are_said_and_one_of_them_is_taken(self):
+        """As stereo programs write them: shot-0003_1.tif is camera 1's. Each file leaves a word, also after a restart."""
+        (self.live / "pictures.csv").unlink()
+        names = ["shot-0001_1.tif", "shot-0003_1.tif", "shot-0006_1.tif", "shot-0009_1.tif"]
+        for name, picture in zip(names, self.pictures * 2):
+            shutil.copy(self.camera / picture, self.live / name)
+        service = self.watch()
+        self.wait_for_alarms(service, *(f"{name}: is not taken: its number 1 is that of shot-0001_1.tif" for name in names[1:]))
+        self.assertEqual(service.settled()["records"], 1)
+        service.kill()
+        service.start()
+        self.assertEqual(service.settled()["records"], 1)
+        self.assertEqual(sum("shot-0001_1.tif" in message for message in self.alarms(service)), 3)
+
+    def test_what_is_no_picture_holds_nothing_up_and_is_said(self):
+        """Pipes (a share that hangs), links, a folder, a header of 400 million pixels; the pictures behind them are measured."""
+        os.mkfifo(self.live / "a_pipe_0001.tif")
+        (self.folder / "private.csv").write_text("a secret\n")
+        os.symlink(self.folder / "private.csv", self.live / "b_link_0002.tif")
+        (self.live / "c_folder_0003.tif").mkdir()
+        chunk = lambda kind, body: struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+        huge = zlib.compressobj(9)
+        body = b"".join(huge.compress(bytes(20001)) for _ in range(20000)) + huge.flush()
+        name = self.pictures[0]
+        table = (self.live / "pictures.csv").read_text()
+        (self.live / "pictures.csv").write_text(table.replace(name, "d_huge.png"))
+        (self.live / "d_huge.png").write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 20000, 20000, 8, 0, 0, 0, 0))
+                                               + chunk(b"IDAT", body) + chunk(b"IEND", b""))
+        service = self.watch()
+        for name in self.pictures[1:3]:
+            self.rename_into_place(name)
+        self.wait_for_records(service, 3)
+        self.wait_for_alarms(service, *(f"{name}: is a symbolic link, a pipe, a device or a folder" for name in
+                                        ("a_pipe_0001.tif", "b_link_0002.tif", "c_folder_0003.tif")))
+        self.wait_for_alarms(service, "a picture of 20000 × 20000 pixels, more than the")
+        self.assertNotIn("a secret", service.logged() + " ".join(self.alarms(service)))
+        self.assertNotIn("/proc/self", service.logged())
+        peak = int(re.search(r"VmHWM:\s+(\d+) kB", pathlib.Path(f"/proc/{service.process.pid}/status").read_text())[1])
+        self.assertLess(peak, 600_000)
+        self.assertEqual(service.get("/livez")[0], 200)
+        self.assertEqual(service.stop(), 130)
+
+    def test_a_table_of_times_that_is_a_pipe_is_said(self):
+        table = (self.live / "pictures.csv").read_text()
+        (self.live / "pictures.csv").unlink()
+        os.mkfifo(self.live / "pictures.csv")
+        service = self.watch()
+        self.rename_into_place(self.pictures[0])
+        self.wait_for_alarms(service, "pictures.csv: is a symbolic link, a pipe")
+        os.unlink(self.live / "pictures.csv")
+        (self.live / "pictures.csv").write_text(table)
+        self.rename_into_place(self.pictures[1])
+        self.wait_for_records(service, 1)
+        self.assertEqual(service.stop(), 130)
+
+    def test_a_table_of_times_in_another_order_brings_nothing_twice(self):
+        service = self.watch()
+        for k, name in enumerate(self.pictures[:2]):
+            self.rename_into_place(name)
+            self.wait_for_records(service, k + 1)
+        service.stop()
+        head, *lines = (self.live / "pictures.csv").read_text().splitlines()
+        (self.live / "pictures.csv").write_text("\n".join([head, *lines[::-1]]) + "\n")
+        service.start()
+        time.sleep(0.6)
+        self.assertEqual(service.settled()["records"], 2)
 
     def test_a_picture_of_what_cannot_be_is_quarantined(self):
         service = self.serve(extra='watch_pictures = "live/"\nsettle = 0.1\nlimits = { displacement = 1e-9 }\n')

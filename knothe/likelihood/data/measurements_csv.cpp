@@ -120,7 +120,10 @@ Measurements series_of_columns(const files::CsvTable& table) {
 }  // namespace
 
 Measurements read_measurements_csv(const std::string& path) {
-  const files::CsvTable table = files::CsvTable::read(path);
+  return read_measurements_csv(files::CsvTable::read(path));
+}
+
+Measurements read_measurements_csv(const files::CsvTable& table) {
   if (!table.has("component") && !table.has("value") && !table.has("sensor")) return series_of_columns(table);
   const std::vector<double> time = table.numbers("time"), x = table.numbers("x", true),
                             y = table.numbers("y", true), z = table.numbers("z", true),

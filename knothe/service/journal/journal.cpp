@@ -18,6 +18,8 @@
 namespace knothe::service {
 namespace {
 
+constexpr std::chrono::seconds k_mark_rest{1};  // the longest that a mark is not on disk
+
 std::string hex_of(const std::string& seal) {
   Digest digest{};
   if (seal.size() == digest.size()) std::copy(seal.begin(), seal.end(), digest.begin());
@@ -40,10 +42,12 @@ struct Chains {
   Chain withdrawals{"withdrawals", 0};  ///< begins otherwise: no release can be taken for one
   Chain alarms{"alarms", 0};
   Chain logbook{"logbook", 0};
+  Chain files{"files", 0};
 };
 
 /// The last record of a key.
 struct Found {
+  std::int64_t id = 0;
   std::string payload;
   double time = 0;
   std::int64_t step = 0;
@@ -61,9 +65,12 @@ struct JournalReader::Implementation {
   mutable Database database;
   std::string id, lost;
   std::string mark_path = mark_path_of(path), log_path;
-  Acknowledged told;                ///< what the mark says next
-  std::optional<FileIdentity> log;  ///< NAME-wal, once something was written
-  std::optional<FileHead> head;     ///< of the file, as this writer left it
+  Acknowledged told;                     ///< what the mark says next
+  std::optional<FileIdentity> log;       ///< NAME-wal, once something was written
+  std::optional<FileHead> head;          ///< of the file, as this writer left it
+  std::int64_t number = 0, id_page = 1;  ///< `id`, and where it is
+  bool is_marked = false;                ///< there was a mark beside it
+  std::chrono::steady_clock::time_point mark_synced;
   Chains chains;
   std::optional<Chains> before;  ///< at `begin`
   std::int64_t starts = 0;
@@ -83,24 +90,31 @@ struct JournalReader::Implementation {
     check_schema(database);
     verify();
     if (access == Access::write) migrate(database);
-    if (schema_of(database) >= 4)
-      id = fmt::format("{:016x}", one_integer(database, "SELECT value FROM meta WHERE key = 'journal'"));
+    if (schema_of(database) >= 4) {
+      number = one_integer(database, "SELECT value FROM meta WHERE key = 'journal'");
+      id = fmt::format("{:016x}", number);
+    }
+    is_marked = one_integer(database, "SELECT value FROM meta WHERE key = 'marked'") != 0;
     find_losses();
     if (access == Access::write) prepare_to_write();
   }
 
   void prepare_to_write() {
     database.execute("UPDATE meta SET value = value + 1 WHERE key = 'starts'");
+    if (!is_marked) database.execute("INSERT INTO meta VALUES('marked', 1)");
+    id_page = one_integer(database, "SELECT rootpage FROM sqlite_master WHERE name = 'meta'");
     starts = one_integer(database, "SELECT value FROM meta WHERE key = 'starts'");
     insert.emplace(database, "INSERT INTO measurement VALUES(?,?,?,?,?,?,?,?,?,?,?)");
     find.emplace(database,
-                 "SELECT m.payload, m.time, m.step, m.quarantined, r.id, w.id FROM measurement m "
+                 "SELECT m.id, m.payload, m.time, m.step, m.quarantined, r.id, w.id FROM measurement m "
                  "LEFT JOIN release r ON r.measurement = m.id LEFT JOIN withdrawal w ON w.measurement = m.id "
                  "WHERE m.source = ? AND m.session = ? AND m.seq = ? ORDER BY m.id DESC LIMIT 1");
     told.journal = id;
     std::error_code ignored;
     log_path = std::filesystem::weakly_canonical(path, ignored).string() + "-wal";
     (void)checkpoint();  // what a journal is, is then never in its log alone
+    acknowledge(true);
+    sync_folder_of(path);
   }
 
   bool checkpoint() {
@@ -112,6 +126,7 @@ struct JournalReader::Implementation {
     }
     sqlite3_busy_timeout(database.handle(), k_busy_timeout_ms);
     note_head();
+    if (!told.journal.empty()) acknowledge(true);
     return whole;
   }
 
@@ -122,13 +137,13 @@ struct JournalReader::Implementation {
   /// Whether nobody else has written into the file: truncated it, or copied another journal over it.
   [[nodiscard]] bool is_as_left() const {
     if (!head) return true;
-    const auto now = lock.head();
-    return now && now->size >= head->size && now->first_page == head->first_page;
+    const auto now = lock.head(number, id_page);
+    return now && head->may_become(*now);
   }
 
   /// What this writer leaves only grows: a file that has shrunk meanwhile is somebody else's work.
   void note_head() noexcept {
-    const auto now = lock.head();
+    const auto now = lock.head(number, id_page);
     if (now && (!head || now->size >= head->size)) head = now;
   }
 
@@ -143,7 +158,14 @@ struct JournalReader::Implementation {
 
   /// Before the first write: the mark is then replaced.
   void find_losses() {
-    if (!acknowledged) return;
+    if (!acknowledged) {
+      if (is_marked)
+        lost = fmt::format(
+            "{}, which says how much was acknowledged, is missing or damaged: whether records "
+            "are lost cannot be told",
+            mark_path);
+      return;
+    }
     if (acknowledged->journal != id) {
       // With other records in it somebody has put it there.
       if (!id.empty() && acknowledged->records > 0 && chains.records.count == 0)
@@ -173,11 +195,14 @@ struct JournalReader::Implementation {
   }
 
   /// After a commit, so nothing is allocated: what is on disk cannot be taken back.
-  void acknowledge() noexcept {
+  void acknowledge(bool synced = false) noexcept {
     told.records = chains.records.count, told.releases = chains.releases.count;
     told.withdrawals = chains.withdrawals.count, told.alarms = chains.alarms.count;
     told.entries = chains.logbook.count;
-    write_mark(mark_path, told, chains.records.seal);
+    const auto now = std::chrono::steady_clock::now();
+    synced = synced || now - mark_synced > k_mark_rest;
+    write_mark(mark_path, told, chains.records.seal, synced);
+    if (synced) mark_synced = now;
     if (!log) log = file_identity(log_path);
     note_head();
   }
@@ -215,6 +240,7 @@ struct JournalReader::Implementation {
                           twice.integer(0)));
     if (schema_of(database) >= 4) verify_alarms();
     verify_logbook();
+    verify_files();
   }
 
   void verify_logbook() {
@@ -223,6 +249,16 @@ struct JournalReader::Implementation {
       if (entry.number != chain.count + 1 || seal != entry_seal(chain.seal, entry))
         damaged(fmt::format("entry {} of the journal's logbook is damaged", chain.count + 1));
       chain = {seal, entry.number};
+      return true;
+    });
+  }
+
+  void verify_files() {
+    Chain& chain = chains.files;
+    visit_files(database, [&](std::int64_t number, const JournalFile& file, const std::string& seal) {
+      if (number != chain.count + 1 || seal != file_seal(chain.seal, number, file))
+        damaged(fmt::format("file {} of the journal is damaged", chain.count + 1));
+      chain = {seal, number};
       return true;
     });
   }
@@ -265,19 +301,24 @@ struct JournalReader::Implementation {
     find->bind(1, std::string_view(key.source)).bind(2, std::string_view(key.session)).bind(3, key.seq);
     std::optional<Found> found;
     if (find->step())
-      found = {std::string(find->text(0)), find->number(1), find->integer(2),
-               find->is_null(4) ? Quarantine::of_code(find->integer(3)) : Quarantine(), !find->is_null(5)};
+      found = {find->integer(0),
+               std::string(find->text(1)),
+               find->number(2),
+               find->integer(3),
+               find->is_null(5) ? Quarantine::of_code(find->integer(4)) : Quarantine(),
+               !find->is_null(6)};
     find->reset();
     return found;
   }
 
-  std::optional<JournalEntry> last_entry(const likelihood::DatumKey& key) {
-    Statement row(
-        database,
-        select_records(database,
-                       "WHERE m.source = ? AND m.session = ? AND m.seq = ? ORDER BY m.id DESC LIMIT 1")
-            .c_str());
+  std::optional<JournalEntry> entry_of(const RecordName& name) {
+    std::string condition = "WHERE m.source = ? AND m.session = ? AND m.seq = ? ";
+    if (name.which == RecordName::Which::numbered) condition += "AND m.id = ? ";
+    condition += name.which == RecordName::Which::first ? "ORDER BY m.id" : "ORDER BY m.id DESC";
+    Statement row(database, select_records(database, (condition + " LIMIT 1").c_str()).c_str());
+    const likelihood::DatumKey& key = name.key;
     row.bind(1, std::string_view(key.source)).bind(2, std::string_view(key.session)).bind(3, key.seq);
+    if (name.which == RecordName::Which::numbered) row.bind(4, name.number);
     if (!row.step()) return std::nullopt;
     return read_record(row).entry;
   }
@@ -422,9 +463,30 @@ LogbookEntry Journal::add_entry(LogbookEntry entry) {
   return entry;
 }
 
-bool Journal::holds(const likelihood::DatumKey& key) const {
+void Journal::add_file(const JournalFile& file) {
+  Implementation& i = *implementation_;
+  Chain& chain = i.chains.files;
+  const std::string seal = file_seal(chain.seal, chain.count + 1, file), outcome = to_text(file.outcome);
+  Statement row(i.database, "INSERT INTO file VALUES(?,?,?,?,?,?,?)");
+  row.bind(1, chain.count + 1).bind(2, std::string_view(file.source)).bind(3, std::string_view(file.name));
+  row.bind(4, std::string_view(file.digest)).bind(5, std::string_view(outcome));
+  row.bind(6, file.seq).bind_blob(7, seal);
+  row.run();
+  chain = {seal, chain.count + 1};
+}
+
+std::optional<bool> Journal::withdrawn(const likelihood::DatumKey& key) const {
   const auto found = implementation_->find_last(key);
-  return found && !found->withdrawn;
+  return found ? std::optional(found->withdrawn) : std::nullopt;
+}
+
+std::vector<JournalFile> JournalReader::files() const {
+  std::vector<JournalFile> files;
+  visit_files(implementation_->database, [&](std::int64_t, const JournalFile& file, const std::string&) {
+    files.push_back(file);
+    return true;
+  });
+  return files;
 }
 
 std::vector<LogbookEntry> JournalReader::logbook() const {
@@ -453,8 +515,13 @@ Appended Journal::append(const Measurement& datum, Quarantine quarantined) {
   const auto there = i.find_last(datum.key);
   if (there && !there->withdrawn) {
     const bool same = there->payload == record.payload && there->time == datum.time;
-    return {
-        same ? AppendOutcome::duplicate : AppendOutcome::conflict, there->held, there->step, 0, false, {}};
+    return {same ? AppendOutcome::duplicate : AppendOutcome::conflict,
+            there->held,
+            there->step,
+            there->id,
+            0,
+            false,
+            {}};
   }
   if (there && !there->held.late) quarantined.late = false;
   record.entry.id = i.chains.records.count + 1;
@@ -483,21 +550,22 @@ Appended Journal::append(const Measurement& datum, Quarantine quarantined) {
   }
   insert.run();
   i.chains.records = {seal, record.entry.id};
-  return {AppendOutcome::accepted, quarantined, datum.step, record.entry.measurement.received_ms,
-          there.has_value(),       {}};
+  return {
+      AppendOutcome::accepted, quarantined, datum.step, record.entry.id, record.entry.measurement.received_ms,
+      there.has_value(),       {}};
 }
 
-std::optional<JournalEntry> Journal::release(const likelihood::DatumKey& key) {
+std::optional<JournalEntry> Journal::release(const RecordName& name) {
   Implementation& i = *implementation_;
-  auto entry = i.last_entry(key);
+  auto entry = i.entry_of(name);
   if (!entry || !entry->quarantined || entry->withdrawn) return std::nullopt;
   if (!entry->released) i.mark("release", i.chains.releases, entry->id);
   return entry;
 }
 
-std::optional<JournalEntry> Journal::withdraw(const likelihood::DatumKey& key) {
+std::optional<JournalEntry> Journal::withdraw(const RecordName& name) {
   Implementation& i = *implementation_;
-  auto entry = i.last_entry(key);
+  auto entry = i.entry_of(name);
   if (entry && !entry->withdrawn) i.mark("withdrawal", i.chains.withdrawals, entry->id);
   return entry;
 }

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "knothe/service/journal/alarm.hpp"
+#include "knothe/service/journal/journal_file.hpp"
 #include "knothe/service/journal/logbook.hpp"
 #include "knothe/service/journal/measurement.hpp"
 
@@ -55,8 +56,9 @@ struct JournalEntry {
 enum class AppendOutcome { accepted, duplicate, conflict };
 struct Appended {
   AppendOutcome outcome = AppendOutcome::accepted;
-  Quarantine quarantined;  ///< the datum itself, or the one that it duplicates, and not released
-  std::int64_t step = 0;   ///< of the record on disk
+  Quarantine quarantined;   ///< the datum itself, or the one that it duplicates, and not released
+  std::int64_t step = 0;    ///< of the record on disk
+  std::int64_t record = 0;  ///< its number
   std::int64_t received_ms = 0;
   bool replacement = false;  ///< of a datum of the same key that was withdrawn
   std::string reason;        ///< of the quarantine, in words; for those who know the limits
@@ -91,6 +93,8 @@ class JournalReader {
   [[nodiscard]] std::vector<Alarm> conditions() const;
   /// All entries, in order.
   [[nodiscard]] std::vector<LogbookEntry> logbook() const;
+  /// Files of watched folders, in the order of their writing.
+  [[nodiscard]] std::vector<JournalFile> files() const;
 
  protected:
   enum class Access { write, read };
@@ -134,18 +138,21 @@ class Journal : public JournalReader {
   /// the place of that one, so it is too late only if that was.
   Appended append(const Measurement& datum, Quarantine quarantined = {});
   /// Lets a quarantined datum into the posterior, inside a group: its record before. Nothing if there is none
-  /// of that key.
-  std::optional<JournalEntry> release(const likelihood::DatumKey& key);
+  /// of that name.
+  std::optional<JournalEntry> release(const RecordName& name);
   /// Takes a datum out, inside a group: its record before, which says whether it had been withdrawn already.
-  /// Nothing if there is none of that key.
-  std::optional<JournalEntry> withdraw(const likelihood::DatumKey& key);
+  /// Nothing if there is none of that name.
+  std::optional<JournalEntry> withdraw(const RecordName& name);
   /// Keeps an alarm, inside a group.
   void add_alarm(const Alarm& alarm);
   /// Writes an entry, inside a group: as it is on disk, with its number and time of writing.
   LogbookEntry add_entry(LogbookEntry entry);
 
-  /// Whether there is a datum of that key that is not withdrawn.
-  [[nodiscard]] bool holds(const likelihood::DatumKey& key) const;
+  /// Keeps what became of a file, inside a group.
+  void add_file(const JournalFile& file);
+
+  /// Whether the last datum of that key is withdrawn; nothing where there is none.
+  [[nodiscard]] std::optional<bool> withdrawn(const likelihood::DatumKey& key) const;
   /// The `most` largest of the records that are not withdrawn, the largest first.
   [[nodiscard]] std::vector<std::int64_t> largest_seqs(const std::string& source, const std::string& session,
                                                        std::size_t most) const;

@@ -1,5 +1,7 @@
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <sqlite3.h>
+#include <unistd.h>
 
 #include <filesystem>
 
@@ -16,12 +18,14 @@ namespace {
 
 /// All pages as they are at one moment: a writer is not held up, and what it writes meanwhile is not in it.
 void copy_pages(const std::string& from, const std::string& to) {
+  ::close(::open(to.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600));  // nobody else's business
   Database source(from, Database::Mode::read_only), copy(to, Database::Mode::create);
   sqlite3_backup* backup = sqlite3_backup_init(copy.handle(), "main", source.handle(), "main");
   if (backup == nullptr) copy.check(sqlite3_errcode(copy.handle()));
   (void)sqlite3_backup_step(backup, -1);
   copy.check(sqlite3_backup_finish(backup));
-  copy.execute("PRAGMA journal_mode = DELETE");  // one file, without a log beside it
+  copy.execute("DELETE FROM meta WHERE key = 'marked'");  // it has no mark beside it
+  copy.execute("PRAGMA journal_mode = DELETE");           // one file, without a log beside it
 }
 
 }  // namespace

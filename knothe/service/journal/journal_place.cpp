@@ -6,6 +6,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <filesystem>
 #include <fstream>
@@ -23,7 +24,7 @@ std::optional<FileIdentity> file_identity(const std::string& path) noexcept {
 // SQLite's own locks are of another kind (fcntl) and the process's: closing any descriptor of the file gives
 // them up. So this one is opened before SQLite opens the journal, and closed after it has closed it.
 WriterLock::WriterLock(const std::string& journal) {
-  descriptor_ = ::open(journal.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+  descriptor_ = ::open(journal.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
   if (descriptor_ < 0) throw system_error("could not open the journal", journal);
   struct stat found {};
   const bool locked = ::flock(descriptor_, LOCK_EX | LOCK_NB) == 0 && ::fstat(descriptor_, &found) == 0;
@@ -35,12 +36,28 @@ WriterLock::WriterLock(const std::string& journal) {
   file_ = {found.st_dev, found.st_ino};
 }
 
-std::optional<FileHead> WriterLock::head() const noexcept {
-  std::array<char, 4096> page;
+std::optional<FileHead> WriterLock::head(std::int64_t id, std::int64_t id_page) const noexcept {
+  constexpr std::int64_t k_page = 4096;  // SQLite's own default
+  std::array<char, k_page> page;
   struct stat found {};
   const ssize_t read = ::pread(descriptor_, page.data(), page.size(), 0);
   if (read < 0 || ::fstat(descriptor_, &found) != 0) return std::nullopt;
-  return FileHead{found.st_size, std::hash<std::string_view>()(std::string_view(page.data(), read))};
+  FileHead head{found.st_size, 0, 0, false};
+  // https://www.sqlite.org/fileformat.html, 1.3: the counts of changes and pages, the free pages, the
+  // version.
+  for (int k = 24; k < 28; ++k) head.changes = head.changes << 8 | static_cast<unsigned char>(page[k]);
+  std::fill(page.begin() + 24, page.begin() + 40, '\0');
+  std::fill(page.begin() + 92, page.begin() + 100, '\0');
+  head.first_page = std::hash<std::string_view>()(std::string_view(page.data(), read));
+  const ssize_t more = ::pread(descriptor_, page.data(), page.size(), (id_page - 1) * k_page);
+  if (more <= 0) return head;
+  // As SQLite has it: big endian, in six bytes where that is enough.
+  std::array<char, 8> number;
+  for (int k = 0; k < 8; ++k) number[k] = static_cast<char>(id >> (56 - 8 * k) & 0xff);
+  const std::string_view wanted(number.data(), number.size());
+  head.has_id = std::string_view(page.data(), more).find(wanted.substr(id >> 47 == 0 ? 2 : 0)) !=
+                std::string_view::npos;
+  return head;
 }
 
 WriterLock::~WriterLock() {
@@ -63,7 +80,8 @@ std::optional<Acknowledged> read_mark(const std::string& journal) {
   return a;
 }
 
-void write_mark(const std::string& mark_path, const Acknowledged& a, std::string_view seal) noexcept {
+void write_mark(const std::string& mark_path, const Acknowledged& a, std::string_view seal,
+                bool synced) noexcept {
   // Of one length, so that one write replaces it whole.
   std::array<char, 256> text;
   char* end = fmt::format_to_n(text.data(), text.size() - 2 * seal.size() - 1,
@@ -77,9 +95,20 @@ void write_mark(const std::string& mark_path, const Acknowledged& a, std::string
   *end++ = '\n';
   // What has taken the mark's place, a pipe or a link to another file, is neither waited for nor written.
   const int descriptor =
-      ::open(mark_path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NONBLOCK | O_NOFOLLOW, 0644);
+      ::open(mark_path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NONBLOCK | O_NOFOLLOW, 0600);
   if (descriptor < 0) return;
   [[maybe_unused]] const auto written = ::pwrite(descriptor, text.data(), end - text.data(), 0);
+  if (synced) (void)::fdatasync(descriptor);
+  ::close(descriptor);
+}
+
+void sync_folder_of(const std::string& path) noexcept {
+  const auto slash = path.rfind('/');
+  std::array<char, 4096> folder{'.'};
+  if (slash != std::string::npos && slash < folder.size() - 1) path.copy(folder.data(), slash + 1);
+  const int descriptor = ::open(folder.data(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (descriptor < 0) return;
+  (void)::fsync(descriptor);
   ::close(descriptor);
 }
 

@@ -18,10 +18,18 @@ struct FileIdentity {
 /// Of the file at `path`, symbolic links followed; nothing if there is none.
 [[nodiscard]] std::optional<FileIdentity> file_identity(const std::string& path) noexcept;
 
-/// What SQLite changes only when it moves its log into the file.
+/// What tells a journal's file from another that was written over it. Whoever moves SQLite's log into the
+/// file leaves all of it as it is, or lets it grow.
 struct FileHead {
   std::int64_t size = 0;
-  std::size_t first_page = 0;  ///< hash of the first 4 kB
+  std::uint32_t changes = 0;   ///< SQLite's own count
+  std::size_t first_page = 0;  ///< hash of the first page, which has the tables' definitions, less its counts
+  bool has_id = false;         ///< the journal's number is where it was written
+  /// Whether `now` may have become of it without another file's having taken its place.
+  [[nodiscard]] bool may_become(const FileHead& now) const {
+    return now.size >= size && now.changes >= changes && now.first_page == first_page &&
+           (now.has_id || !has_id);
+  }
 };
 
 /// The lock that makes a writer the only one: on the journal itself, so neither another name for it nor a
@@ -37,8 +45,8 @@ class WriterLock {
 
   [[nodiscard]] bool held() const { return descriptor_ >= 0; }
   [[nodiscard]] FileIdentity file() const { return file_; }
-  /// Nothing where it cannot be read.
-  [[nodiscard]] std::optional<FileHead> head() const noexcept;
+  /// `id`: the journal's number, which is in the page `id_page` (from 1). Nothing where it cannot be read.
+  [[nodiscard]] std::optional<FileHead> head(std::int64_t id, std::int64_t id_page) const noexcept;
 
  private:
   int descriptor_ = -1;
@@ -55,9 +63,12 @@ struct Acknowledged {
 /// Nothing where there is no mark, or none that can be read.
 [[nodiscard]] std::optional<Acknowledged> read_mark(const std::string& journal);
 [[nodiscard]] std::string mark_path_of(const std::string& journal);
-/// With the raw bytes of the last seal in the place of `acknowledged.seal`. Not synced: it may be older than
-/// the journal after a power failure, never newer. What cannot be written is left; nothing is allocated.
-void write_mark(const std::string& mark_path, const Acknowledged& acknowledged,
-                std::string_view seal) noexcept;
+/// With the raw bytes of the last seal in the place of `acknowledged.seal`. After a power failure it may be
+/// older than the journal, by what was written since it was `synced` last; never newer. What cannot be
+/// written is left; nothing is allocated.
+void write_mark(const std::string& mark_path, const Acknowledged& acknowledged, std::string_view seal,
+                bool synced) noexcept;
+/// So that the names in the journal's folder are on disk.
+void sync_folder_of(const std::string& path) noexcept;
 
 }  // namespace knothe::service

@@ -113,6 +113,32 @@ bool visit_logbook(Database& database,
   return true;
 }
 
+std::string file_seal(std::string_view previous, std::int64_t number, const JournalFile& file) {
+  Sha256 sum;
+  sum.add_text(previous);
+  sum.add_number(number);
+  for (const std::string& text : {file.source, file.name, file.digest, std::string(to_text(file.outcome))})
+    sum.add_text(text);
+  sum.add_number(file.seq);
+  const Digest digest = sum.finish();
+  return {reinterpret_cast<const char*>(digest.data()), digest.size()};
+}
+
+bool visit_files(
+    Database& database,
+    const std::function<bool(std::int64_t number, const JournalFile&, const std::string& seal)>& visit) {
+  if (schema_of(database) < 6) return true;
+  Statement rows(database, "SELECT id, source, name, digest, outcome, seq, seal FROM file ORDER BY id");
+  while (rows.step()) {
+    const auto outcome = from_text<FileOutcome>(rows.text(4));
+    const auto words = [&](int k) { return std::string(rows.text(k)); };
+    const JournalFile file{words(1), words(2), words(3), outcome.value_or(FileOutcome::refused),
+                           rows.integer(5)};
+    if (!visit(rows.integer(0), file, outcome ? words(6) : std::string())) return false;
+  }
+  return true;
+}
+
 std::int64_t one_integer(Database& database, const char* sql) {
   Statement statement(database, sql);
   return statement.step() ? statement.integer(0) : 0;

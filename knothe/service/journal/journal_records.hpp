@@ -1,5 +1,6 @@
 #pragma once
 /// @file The journal's records as they are on disk, and their seals. Private to the room.
+#include <functional>
 #include <string>
 #include <string_view>
 
@@ -34,6 +35,12 @@ struct Record {
 /// There are none before schema 5. An entry of an unknown kind has an empty seal: nobody has written it.
 bool visit_logbook(Database& database,
                    const std::function<bool(const LogbookEntry&, const std::string& seal)>& visit);
+/// Of a file.
+[[nodiscard]] std::string file_seal(std::string_view previous, std::int64_t number, const JournalFile& file);
+/// As `visit_logbook`, for files and their numbers. There are none before schema 6.
+bool visit_files(
+    Database& database,
+    const std::function<bool(std::int64_t number, const JournalFile&, const std::string& seal)>& visit);
 /// The first column of the first row; 0 without one.
 [[nodiscard]] std::int64_t one_integer(Database& database, const char* sql);
 

@@ -34,8 +34,8 @@ void save(const JournalEntry& entry, Journal& whole, Recovery& recovery) {
     return;
   }
   ++recovery.saved;
-  if (entry.released) whole.release(datum.key);
-  if (entry.withdrawn) whole.withdraw(datum.key);
+  if (entry.released) whole.release({datum.key});
+  if (entry.withdrawn) whole.withdraw({datum.key});
 }
 
 /// Those before the first that is damaged.
@@ -81,6 +81,25 @@ void save_logbook(Database& damaged, Journal& whole, Recovery& recovery) {
     all = false;
   }
   if (!all) recovery.lost.push_back(fmt::format("logbook entries from {} on", number + 1));
+}
+
+/// The same of files.
+void save_files(Database& damaged, Journal& whole, Recovery& recovery) {
+  std::string previous = "files";
+  std::int64_t last = 0;
+  bool all = true;
+  try {
+    all = visit_files(damaged, [&](std::int64_t number, const JournalFile& file, const std::string& seal) {
+      if (number != last + 1 || seal != file_seal(previous, number, file)) return false;
+      whole.add_file(file);
+      previous = seal;
+      last = number;
+      return true;
+    });
+  } catch (const DataError&) {
+    all = false;
+  }
+  if (!all) recovery.lost.push_back(fmt::format("files of watched folders from {} on", last + 1));
 }
 
 }  // namespace
@@ -142,6 +161,7 @@ Recovery recover_journal(const std::string& from, const std::string& to) {
   }
   save_alarms(damaged, whole, recovery);
   save_logbook(damaged, whole, recovery);
+  save_files(damaged, whole, recovery);
   whole.commit();
   copy_refinement(from, to);
   return recovery;

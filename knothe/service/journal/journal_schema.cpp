@@ -66,8 +66,15 @@ constexpr const char* k_to_schema_5 = R"(
   PRAGMA user_version = 5;
 )";
 
-constexpr std::array k_migrations = {k_to_schema_1, k_to_schema_2, k_to_schema_3, k_to_schema_4,
-                                     k_to_schema_5};
+/// The files of watched folders.
+constexpr const char* k_to_schema_6 = R"(
+  CREATE TABLE file(id INTEGER PRIMARY KEY, source TEXT NOT NULL, name TEXT NOT NULL, digest TEXT NOT NULL,
+                    outcome TEXT NOT NULL, seq INTEGER NOT NULL, seal BLOB NOT NULL);
+  PRAGMA user_version = 6;
+)";
+
+constexpr std::array k_migrations = {k_to_schema_1, k_to_schema_2, k_to_schema_3,
+                                     k_to_schema_4, k_to_schema_5, k_to_schema_6};
 
 }  // namespace
 

@@ -7,7 +7,7 @@
 namespace knothe::service {
 
 /// 1: records and releases (0.1); 2: a measurement's own noise; 3: withdrawals, several records of a key; 4:
-/// alarms, the journal's own number; 5: the logbook.
+/// alarms, the journal's own number; 5: the logbook; 6: files of watched folders.
 [[nodiscard]] std::int64_t schema_of(Database& database);
 [[nodiscard]] bool is_empty(Database& database);
 /// DataError where it is no journal, or of a schema that is not known.

@@ -127,12 +127,12 @@ TEST(Journal, QuarantinedDataAreReleasedOnce) {
     journal.begin();
     EXPECT_TRUE(journal.append(datum(7), k_late).quarantined);
     EXPECT_TRUE(journal.append(datum(7)).quarantined);
-    EXPECT_FALSE(journal.release(datum(8).key));
+    EXPECT_FALSE(journal.release({datum(8).key}));
     journal.commit();
     EXPECT_EQ(journal.quarantined().size(), 1u);
     journal.begin();
-    ASSERT_TRUE(journal.release(datum(7).key));
-    EXPECT_TRUE(journal.release(datum(7).key)->released);
+    ASSERT_TRUE(journal.release({datum(7).key}));
+    EXPECT_TRUE(journal.release({datum(7).key})->released);
     EXPECT_FALSE(journal.append(datum(7)).quarantined);
     journal.commit();
   }
@@ -141,9 +141,33 @@ TEST(Journal, QuarantinedDataAreReleasedOnce) {
   journal.for_each([](const JournalEntry& entry) { EXPECT_TRUE(entry.quarantined && entry.released); });
 }
 
+/// A command that comes twice, or late, does nothing to the record that has taken the place of its own.
+TEST(Journal, ACommandNamesItsRecord) {
+  using Which = RecordName::Which;
+  const files::TestFolder folder;
+  Journal journal(folder.file("j.journal"));
+  const likelihood::DatumKey key = datum(1).key;
+  journal.begin();
+  EXPECT_EQ(journal.append(datum(0)).record, 1);
+  EXPECT_EQ(journal.append(datum(1, 1)).record, 2);
+  EXPECT_EQ(journal.append(datum(1, 1)).record, 2) << "of the one that is there";
+  EXPECT_FALSE(journal.withdraw({key, Which::numbered, 1})) << "of another key";
+  EXPECT_FALSE(journal.withdraw({key, Which::first})->withdrawn);
+  EXPECT_EQ(journal.withdrawn(key), true);
+  EXPECT_EQ(journal.append(datum(1, 5)).record, 3);
+  for (const RecordName& again : {RecordName{key, Which::first}, RecordName{key, Which::numbered, 2}}) {
+    EXPECT_TRUE(journal.withdraw(again)->withdrawn) << "it was before";
+    EXPECT_EQ(journal.withdrawn(key), false);
+    EXPECT_FALSE(journal.release(again));
+  }
+  EXPECT_FALSE(journal.withdraw({key, Which::numbered, 3})->withdrawn);
+  EXPECT_EQ(journal.withdrawn(key), true);
+  journal.commit();
+}
+
 std::optional<JournalEntry> withdraw(Journal& journal, const likelihood::DatumKey& key) {
   journal.begin();
-  auto entry = journal.withdraw(key);
+  auto entry = journal.withdraw({key});
   journal.commit();
   return entry;
 }
@@ -205,12 +229,12 @@ TEST(Journal, AReplacementIsLateOnlyIfWhatItReplacesWas) {
   journal.begin();
   journal.append(datum(1), k_late);
   journal.append(datum(2), k_late);
-  journal.release(datum(2).key);
+  journal.release({datum(2).key});
   journal.commit();
   for (int i = 0; i < 3; ++i) withdraw(journal, datum(i).key);
   EXPECT_TRUE(journal.quarantined().empty());
   journal.begin();
-  EXPECT_FALSE(journal.release(datum(1).key));
+  EXPECT_FALSE(journal.release({datum(1).key}));
   EXPECT_FALSE(journal.append(datum(0, 2), k_late).quarantined);
   EXPECT_TRUE(journal.append(datum(1, 2), k_late).quarantined);
   EXPECT_FALSE(journal.append(datum(2, 2), k_late).quarantined);
@@ -263,7 +287,7 @@ TEST(Journal, AWithdrawalThatIsRolledBackLeavesNothing) {
     Journal journal(path);
     append(journal, datum(0));
     journal.begin();
-    journal.withdraw(datum(0).key);
+    journal.withdraw({datum(0).key});
     journal.rollback();
     EXPECT_EQ(journal.withdrawals(), 0);
     append(journal, datum(1));
@@ -308,7 +332,8 @@ TEST(Journal, OneOfSchema2IsReadAsItIsAndMigratedWhenItIsWritten) {
   const std::string seal = write_journal(path, 4).back();
   Database(path, Database::Mode::read_write)
       .execute(
-          "DROP TABLE withdrawal; DROP INDEX measurement_key; DROP TABLE alarm; DROP TABLE logbook;"
+          "DROP TABLE withdrawal; DROP INDEX measurement_key; DROP TABLE alarm; DROP TABLE file; DROP TABLE "
+          "logbook;"
           "DELETE FROM meta WHERE key = 'journal'; PRAGMA user_version = 2;"
           "CREATE UNIQUE INDEX key ON measurement(source, session, seq);");
   EXPECT_EQ(counting_values(path).size(), 4u);

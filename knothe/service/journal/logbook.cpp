@@ -12,19 +12,11 @@ void TestCourse::add(const LogbookEntry& entry) {
   const bool ends = entry.kind == Kind::test_finished || entry.kind == Kind::test_followed;
   if (!begins && !ends) return;
   if (entry.kind == Kind::test_begun) begun_ms_ = entry.written_ms;
-  if (entry.kind != Kind::test_finished) turns_.push_back({entry.written_ms, begins});
   end_ = ends ? std::optional(entry) : std::nullopt;
 }
 
 std::optional<std::string> TestCourse::followed_by() const {
   return end_ && end_->kind == EntryKind::test_followed ? std::optional(end_->text) : std::nullopt;
-}
-
-bool TestCourse::had_turn_at(std::int64_t unix_ms) const {
-  bool has_turn = begun_ms_ == 0;
-  for (const Turn& turn : turns_)
-    if (turn.from_ms <= unix_ms) has_turn = turn.begins;
-  return has_turn;
 }
 
 void SensorSwitches::add(const LogbookEntry& entry) {

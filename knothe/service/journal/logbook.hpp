@@ -80,17 +80,10 @@ class TestCourse {
   [[nodiscard]] std::optional<std::string> followed_by() const;
   /// When it was begun in a running service, Unix time; 0: it was begun with the program.
   [[nodiscard]] std::int64_t begun_ms() const { return begun_ms_; }
-  /// Whether this test had its turn then: what arrived at another time is of another specimen.
-  [[nodiscard]] bool had_turn_at(std::int64_t unix_ms) const;
 
  private:
-  struct Turn {
-    std::int64_t from_ms = 0;
-    bool begins = false;
-  };
   std::optional<LogbookEntry> end_;
   std::int64_t begun_ms_ = 0;
-  std::vector<Turn> turns_;
 };
 
 /// Which sensors are switched off, at which model times. Every entry holds from its time on, over those that

@@ -229,7 +229,10 @@ EntryRequest parse_json_entry(std::string_view body) {
 
 SiteKey parse_json_key(std::string_view body) {
   const Received object = parse_object(body);
-  return {text_member(object, "site", false), key_of(object)};
+  SiteKey named{text_member(object, "site", false), {key_of(object)}};
+  if (const auto it = object.find("record"); it != object.end())
+    named.datum.which = RecordName::Which::numbered, named.datum.number = checked_index(*it, "record");
+  return named;
 }
 
 namespace {
@@ -267,7 +270,7 @@ SiteMeasurement parse_mqtt_measurement(std::string_view topic, std::string_view 
 SiteKey parse_mqtt_key(std::string_view topic, std::string_view payload) {
   const auto names = read_topic(topic, "withdraw");
   SiteKey datum = parse_json_key(payload);
-  set_site(datum.site, datum.key.source, names);
+  set_site(datum.site, datum.datum.key.source, names);
   return datum;
 }
 

@@ -22,6 +22,9 @@ struct Measurement {
   std::string noise;                 ///< its own (noise_bytes.hpp); empty: that of the sensors
   std::int64_t step = 0;             ///< index of the model time
   std::int64_t received_ms = 0;      ///< Unix time of its arrival; nothing depends on it
+  /// Whether it takes the place of a datum of its key that was withdrawn: not where it comes again by itself,
+  /// from a watched folder or a broker that has kept it.
+  bool restores = true;
   /// As sent in place of `values`: those of series by name, all else missing. Empty once the site, which
   /// knows its sensors, has made values of them (`set_values_of_series`).
   std::map<std::string, double> series;
@@ -62,13 +65,26 @@ struct SiteMeasurement {
 /// From the JSON object of `POST /v1/measurements`. RequestError 400 that says which member is wrong.
 [[nodiscard]] SiteMeasurement parse_json_measurement(std::string_view body);
 
-/// A datum that is there already, and the site it is at (may be empty).
-struct SiteKey {
-  std::string site;
+/// A datum that is there already. Its key may have had several records: each but the last is withdrawn.
+struct RecordName {
+  enum class Which {
+    last,
+    first,  ///< a request that is kept somewhere, and comes again, is of the first: it was made then
+    numbered
+  };
   likelihood::DatumKey key;
+  Which which = Which::last;
+  std::int64_t number = 0;  ///< in the journal
 };
 
-/// From a JSON object with `source`, `session`, `seq`. RequestError 400 that says which member is wrong.
+/// The same, and the site it is at (may be empty).
+struct SiteKey {
+  std::string site;
+  RecordName datum;
+};
+
+/// From a JSON object with `source`, `session`, `seq`, and the number of its `record` if that is known.
+/// RequestError 400 that says which member is wrong.
 [[nodiscard]] SiteKey parse_json_key(std::string_view body);
 
 /// From an MQTT message: topic knothe/v1/SITE/SOURCE/data, payload the same JSON, whose `site` (may be left

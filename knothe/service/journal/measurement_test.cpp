@@ -64,7 +64,11 @@ TEST(Measurement, IsReadFromJson) {
 TEST(Measurement, AKeyIsReadFromJson) {
   const SiteKey datum = parse_json_key(R"({"site":"beam","source":"camera","session":"s","seq":7})");
   EXPECT_EQ(datum.site, "beam");
-  EXPECT_EQ(datum.key, (likelihood::DatumKey{"camera", "s", 7}));
+  EXPECT_EQ(datum.datum.key, (likelihood::DatumKey{"camera", "s", 7}));
+  EXPECT_EQ(datum.datum.which, RecordName::Which::last);
+  const SiteKey numbered = parse_json_key(R"({"source":"camera","session":"s","seq":7,"record":12})");
+  EXPECT_EQ(numbered.datum.which, RecordName::Which::numbered);
+  EXPECT_EQ(numbered.datum.number, 12);
   for (const char* wrong :
        {"", "[]", R"({"source":"camera","session":"s"})", R"({"source":"camera","session":"s","seq":1.5})",
         R"({"source":1,"session":"s","seq":1})"})

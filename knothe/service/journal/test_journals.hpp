@@ -20,7 +20,8 @@ namespace knothe::service {
 [[nodiscard]] std::vector<std::string> tests_beside(const std::string& journal);
 
 /// The test to be served where `test` is asked for: it, or the last of those that have followed it in a
-/// running service. A journal that cannot be read is followed by none: who opens it says why.
-[[nodiscard]] std::string last_to_follow(const std::string& journal, std::string test);
+/// running service. A journal that cannot be read is followed by none: who opens it says why. DataError where
+/// a journal is missing of those that the others tell of: a new, empty one must not take its name.
+[[nodiscard]] std::string last_to_follow(const std::string& journal, const std::string& test);
 
 }  // namespace knothe::service

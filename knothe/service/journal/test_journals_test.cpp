@@ -3,8 +3,10 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <filesystem>
 #include <fstream>
 
+#include "knothe/base/error.hpp"
 #include "knothe/files/testing/test_folder.hpp"
 #include "knothe/service/journal/journal.hpp"
 
@@ -49,7 +51,7 @@ TEST(TestJournals, TheLastToFollowIsServed) {
   write(first, EntryKind::test_finished);
   EXPECT_EQ(last_to_follow(first, ""), "");
   write(first, EntryKind::test_followed, "a");
-  EXPECT_EQ(last_to_follow(first, ""), "a");  // though its journal is gone
+  EXPECT_THROW((void)last_to_follow(first, ""), DataError);  // its journal is gone
   write(folder.file("beam.a.journal"), EntryKind::test_followed, "b");
   write(folder.file("beam.b.journal"), EntryKind::test_begun);
   EXPECT_EQ(last_to_follow(first, ""), "b");
@@ -65,6 +67,44 @@ TEST(TestJournals, TheLastToFollowIsServed) {
   EXPECT_EQ(last_to_follow(first, "b"), "b");
   std::ofstream(folder.file("beam.b.journal"), std::ios::trunc) << "no journal";
   EXPECT_EQ(last_to_follow(first, ""), "b");
+}
+
+/// Each journal of a chain is archived in its turn: nothing new and empty is served in its place.
+TEST(TestJournals, AMissingJournalIsToldWhereverItStoodInTheChain) {
+  const auto refusal = [](const std::string& first, const std::string& asked) -> std::string {
+    try {
+      return "serves " + last_to_follow(first, asked);
+    } catch (const DataError& error) {
+      return error.what();
+    }
+  };
+  for (const std::string gone : {"", "a", "b"}) {
+    const files::TestFolder folder;
+    const std::string first = folder.file("beam.journal");
+    write(first, EntryKind::test_followed, "a");
+    for (const auto& [test, next] : {std::pair{"a", "b"}, {"b", ""}}) {
+      write(journal_of_test(first, test), EntryKind::test_begun);
+      if (*next != 0)
+        write(journal_of_test(first, test), EntryKind::test_followed, next);
+      else
+        write(journal_of_test(first, test), EntryKind::note, "a note");
+    }
+    EXPECT_EQ(refusal(first, ""), "serves b");
+    EXPECT_EQ(refusal(first, "c"), "serves c") << "a new test of a name that is free";
+    const std::string path = journal_of_test(first, gone);
+    std::filesystem::remove(path);
+    const std::string said = refusal(first, "");
+    EXPECT_TRUE(said.starts_with(path + ": is missing")) << said;
+    EXPECT_NE(said.find("--test"), std::string::npos) << said;
+    EXPECT_FALSE(std::filesystem::exists(path));
+    if (gone == "b") continue;
+    EXPECT_EQ(refusal(first, "b"), "serves b") << "as the message says";
+    EXPECT_TRUE(refusal(first, gone).starts_with(path + ": is missing")) << "asked for by its name";
+    write(journal_of_test(first, "b"), EntryKind::test_finished);
+    if (gone == "") {
+      EXPECT_EQ(refusal(first, ""), "serves ") << "nothing goes on: the folder is used again";
+    }
+  }
 }
 
 TEST(TestJournals, AGlanceTellsWhetherATestIsUsed) {
@@ -87,23 +127,17 @@ TEST(TestJournals, AGlanceTellsWhetherATestIsUsed) {
   EXPECT_FALSE(glance_at_journal(path).finished);
 }
 
-TEST(TestJournals, ATestHasItsTurnsBetweenItsEntries) {
+TEST(TestJournals, ACourseEndsAndIsFollowed) {
   const auto entry = [](EntryKind kind, std::int64_t at) {
     return LogbookEntry{0, kind, 0, 0, "Ada", "b", at};
   };
   TestCourse first, begun;
-  EXPECT_TRUE(first.had_turn_at(0));
   first.add(entry(EntryKind::test_followed, 100));
   first.add(entry(EntryKind::test_resumed, 200));
+  EXPECT_FALSE(first.end());
   first.add(entry(EntryKind::test_finished, 300));
   begun.add(entry(EntryKind::test_begun, 100));
   begun.add(entry(EntryKind::test_followed, 200));
-  for (const auto& [at, of_first] :
-       {std::pair{50, true}, {99, true}, {100, false}, {199, false}, {200, true}, {400, true}})
-    EXPECT_EQ(first.had_turn_at(at), of_first) << at;
-  for (const auto& [at, of_begun] :
-       {std::pair{50, false}, {99, false}, {100, true}, {199, true}, {200, false}, {400, false}})
-    EXPECT_EQ(begun.had_turn_at(at), of_begun) << at;
   EXPECT_EQ(first.end()->kind, EntryKind::test_finished);
   EXPECT_EQ(begun.followed_by(), "b");
 }

@@ -54,7 +54,7 @@ class MqttTopic final : public AlarmChannel {
     text_ = files::json_line(alarms.front());
     sent_ = false;
     refused_.clear();
-    const auto client = make_mqtt_client(project_, fmt::format("knothe-alarms-{}", ::getpid()), false, this);
+    const auto client = make_mqtt_client(project_, passing_client_id(), false, this);
     mosquitto_connect_callback_set(client.get(), on_connect);
     mosquitto_publish_callback_set(
         client.get(), [](mosquitto*, void* self, int) { static_cast<MqttTopic*>(self)->sent_ = true; });

@@ -126,6 +126,17 @@ std::string media_type(const HttpRequest& head) {
   return lower_case(type);
 }
 
+bool brings_data(const HttpRequest& head) {
+  return head.method == "POST" && head.path.starts_with("/v1/");
+}
+
+bool has_token(const HttpRequest& head, const std::string& token) {
+  const std::string given = head.header("authorization");
+  const std::string_view bearer = "bearer ";
+  return lower_case(given.substr(0, bearer.size())) == bearer &&
+         equal_in_constant_time(std::string_view(given).substr(bearer.size()), token);
+}
+
 HttpResponse answer_of(const JournalWriter::Answer& answer) {
   if (const auto* error = std::get_if<RequestError>(&answer))
     return error_response(error->status(), error->type(), error->what());
@@ -241,12 +252,16 @@ Admission Api::admit(const HttpRequest& head, HttpResponse& refusal) {
   const std::string host = head.header("host");
   // A page of another site that got a name of its own to point here (DNS rebinding), or that posts here.
   const std::string name = host_name(host);
-  if (options_.loopback && !host.empty() && name != "localhost" && !is_loopback(name))
+  if (options_.loopback && head.headers.contains("host") && name != "localhost" && !is_loopback(name))
     return refuse(403, "WrongHost",
                   "this service is for this machine alone: call it by localhost or 127.0.0.1");
   const std::string origin = lower_case(head.header("origin"));
-  if (!origin.empty() && origin != "http://" + lower_case(host) && origin != "https://" + lower_case(host))
-    return refuse(403, "WrongOrigin", "pages of other origins are not served");
+  const bool is_foreign =
+      !origin.empty() && origin != "http://" + lower_case(host) && origin != "https://" + lower_case(host);
+  // No page knows a token that its user has not given it. Behind a proxy the page's own origin is foreign.
+  const std::string& token = brings_data(head) ? options_.ingest_token : options_.read_token;
+  const bool known = !token.empty() && has_token(head, token);
+  if (is_foreign && !known) return refuse(403, "WrongOrigin", "pages of other origins are not served");
   bool path_known = false, method_known = false;
   std::string allowed;
   for (const Route& route : routes()) {
@@ -264,12 +279,7 @@ Admission Api::admit(const HttpRequest& head, HttpResponse& refusal) {
     return Admission::refused;
   }
   if (head.path == "/" || head.path == "/livez" || head.path == "/readyz") return Admission::other;
-  const bool ingests = head.method == "POST" && head.path.starts_with("/v1/");
-  const std::string& token = ingests ? options_.ingest_token : options_.read_token;
-  const std::string given = head.header("authorization");
-  const std::string_view bearer = "bearer ";
-  const bool known = lower_case(given.substr(0, bearer.size())) == bearer &&
-                     equal_in_constant_time(std::string_view(given).substr(bearer.size()), token);
+  const bool ingests = brings_data(head);
   if (!token.empty() && !known)
     return refuse(401, "Unauthorized", "this route needs `Authorization: Bearer TOKEN`");
   if (!ingests) return Admission::other;
@@ -303,7 +313,11 @@ void Api::route(const HttpRequest& request, const Answer& answer) {
     return later(*ingest_worker_, answer, [this, request, answer] { handle_post(request, answer); });
   }
   if (path == "/v1/events") (void)make_events(request);  // it is here as something is wrong: that is thrown
-  if (path == "/livez") return answer({200, "text/plain; charset=utf-8", "ok\n"});
+  if (path == "/livez") {
+    const std::string hangs = complaint();
+    return answer(
+        {hangs.empty() ? 200 : 503, "text/plain; charset=utf-8", hangs.empty() ? "ok\n" : hangs + "\n"});
+  }
   if (path == "/readyz") return answer(ready());
   // What takes longer than a look: not on the thread of HTTP.
   if (UmBridge::speaks(path))
@@ -383,9 +397,11 @@ HttpResponse Api::ready() const {
   Json sites = Json::object();
   bool all = true;
   for (const auto& site : sites_) {
-    const bool ready = site->current()->journal().ready();
+    const auto current = site->current();
+    const std::string hangs = current->health().pulses().complaint();
+    const bool ready = current->journal().ready() && hangs.empty();
     all = all && ready;
-    sites[site->name()] = ready ? "ready" : "replaying its journal, or stopping";
+    sites[site->name()] = ready ? "ready" : hangs.empty() ? "replaying its journal, or stopping" : hangs;
   }
   return json_response({{"ready", all}, {"sites", sites}}, all ? 200 : 503);
 }
@@ -441,7 +457,7 @@ void Api::handle_release(const HttpRequest& request, const Answer& answer) {
   SiteKey datum = parse_json_key(request.body);
   site_of(datum.site.empty() ? request.parameter("site") : datum.site)
       ->journal()
-      .release(std::move(datum.key),
+      .release(std::move(datum.datum),
                [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
 }
 
@@ -449,7 +465,7 @@ void Api::handle_withdrawal(const HttpRequest& request, const Answer& answer) {
   SiteKey datum = parse_json_key(request.body);
   site_of(datum.site.empty() ? request.parameter("site") : datum.site)
       ->journal()
-      .withdraw(std::move(datum.key),
+      .withdraw(std::move(datum.datum),
                 [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
 }
 
@@ -514,6 +530,14 @@ std::unique_ptr<EventSource> Api::make_events(const HttpRequest& request) const 
   auto source = std::make_unique<SiteEvents>(from_site, site, seen);
   source->begin_with(std::move(first));
   return source;
+}
+
+std::string Api::complaint() const {
+  std::string all;
+  for (const auto& site : sites_)
+    if (const std::string one = site->current()->health().pulses().complaint(); !one.empty())
+      all += fmt::format("{}{}: {}", all.empty() ? "" : "; ", site->name(), one);
+  return all;
 }
 
 bool Api::tick() {

@@ -26,6 +26,8 @@ class Api final : public HttpHandler {
   Admission admit(const HttpRequest& head, HttpResponse& refusal) override;
   void handle(HttpRequest request, Answer answer) override;
   std::unique_ptr<EventSource> events(const HttpRequest& request) override;
+  /// Threads that hang, in words; empty: none.
+  [[nodiscard]] std::string complaint() const;
   bool tick() override;
   /// Answers what is waiting; nothing is asked afterwards.
   void finish() {

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <boost/asio/ip/address.hpp>
+#include <cctype>
 #include <string>
 
 namespace knothe::service {
@@ -28,13 +29,9 @@ std::string percent_decoded(std::string_view text) {
   return out;
 }
 
-}  // namespace
-
-void set_target(HttpRequest& request, std::string_view target) {
-  const auto question = target.find('?');
-  request.path = percent_decoded(target.substr(0, question));
-  if (question == std::string_view::npos) return;
-  std::string_view rest = target.substr(question + 1);
+/// "?a=b&c=d"; empty: there is none.
+void set_query(HttpRequest& request, std::string_view text) {
+  std::string_view rest = text.substr(std::min<std::size_t>(text.size(), 1));
   while (!rest.empty()) {
     const auto pair = rest.substr(0, rest.find('&'));
     const auto equals = pair.find('=');
@@ -42,6 +39,32 @@ void set_target(HttpRequest& request, std::string_view target) {
         equals == std::string_view::npos ? "" : percent_decoded(pair.substr(equals + 1));
     rest.remove_prefix(std::min(rest.size(), pair.size() + 1));
   }
+}
+
+}  // namespace
+
+void set_target(HttpRequest& request, std::string_view target) {
+  // As to a proxy: what it names is the host, whatever the header says (RFC 9112, 3.2.2).
+  for (const std::string_view scheme : {"http://", "https://"}) {
+    const bool is_absolute = target.size() > scheme.size() &&
+                             std::equal(scheme.begin(), scheme.end(), target.begin(), [](char a, char b) {
+                               return a == std::tolower(static_cast<unsigned char>(b));
+                             });
+    if (!is_absolute) continue;
+    target.remove_prefix(scheme.size());
+    const auto end = std::min(target.find_first_of("/?"), target.size());
+    request.headers["host"] = std::string(target.substr(0, end));
+    target.remove_prefix(end);
+    if (!target.starts_with('/')) {
+      request.path = "/";
+      set_query(request, target);
+      return;
+    }
+    break;
+  }
+  const auto question = target.find('?');
+  request.path = percent_decoded(target.substr(0, question));
+  if (question != std::string_view::npos) set_query(request, target.substr(question));
 }
 
 std::string HttpRequest::header(const std::string& name) const {

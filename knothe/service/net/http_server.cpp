@@ -205,7 +205,8 @@ void Session::head_read(ErrorCode error) {
         fmt::format("the body has {} bytes; at most {} are taken", *length, server_->options.max_body)));
   expire(server_->options.timeout);
   if (parser_->is_done()) return dispatch();
-  if (!beast::iequals(head_.header("expect"), "100-continue")) return read_body();
+  if (parser_->get().version() < 11 || !beast::iequals(head_.header("expect"), "100-continue"))
+    return read_body();
   out_ = "HTTP/1.1 100 Continue\r\n\r\n";
   asio::async_write(stream_, asio::buffer(out_), [self = shared_from_this()](ErrorCode failed, std::size_t) {
     if (!failed) self->read_body();
@@ -259,7 +260,6 @@ std::optional<HttpResponse> Session::objection() const {
 HttpRequest Session::request_of(const http::request<http::string_body>& message) const {
   HttpRequest request;
   request.method = std::string(message.method_string());
-  set_target(request, {message.target().data(), message.target().size()});
   for (const auto& field : message) {
     std::string name(field.name_string());
     for (char& c : name) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
@@ -267,6 +267,7 @@ HttpRequest Session::request_of(const http::request<http::string_body>& message)
     const auto [place, is_new] = request.headers.try_emplace(name, std::string(field.value()));
     if (!is_new) place->second += ", " + std::string(field.value());
   }
+  set_target(request, {message.target().data(), message.target().size()});  // may name the host
   return request;
 }
 
@@ -334,7 +335,7 @@ void Session::respond(HttpResponse response, bool close) {
 }
 
 void Session::refuse(HttpResponse response) {
-  head_request_ = false;
+  head_request_ = parser_->is_header_done() && parser_->get().method() == http::verb::head;
   room_.reset();
   std::string().swap(parser_->get().body());  // to assign an empty one would keep the memory
   respond(std::move(response), true);

@@ -10,11 +10,12 @@
 #include <cstring>
 #include <future>
 #include <map>
+#include <set>
 #include <thread>
 
 #include "knothe/base/error.hpp"
-#include "knothe/base/sha256.hpp"
 #include "knothe/files/json_line.hpp"
+#include "knothe/service/net/dead_letters.hpp"
 #include "knothe/service/net/mqtt_client.hpp"
 #include "knothe/service/site/log.hpp"
 
@@ -22,6 +23,9 @@ namespace knothe::service {
 namespace {
 
 constexpr std::chrono::milliseconds k_first_pause{1000}, k_longest_pause{30'000}, k_glance{50};
+constexpr int k_max_kept = 1 << 20;  // bytes of a refused message
+constexpr std::size_t k_max_told = 64;
+constexpr int k_suspicious = 3;  // short connections, one after the other
 
 }  // namespace
 
@@ -31,14 +35,23 @@ struct MqttReceiver::Implementation {
   std::string host;
   int port = 1883;
   std::size_t max_body;
+  std::string id;
+  DeadLetters refused;
+  std::set<std::string> told;  ///< topics and reasons that an alarm has been raised of
   std::atomic<bool> stopping{false};
   std::map<int, std::string> asked;  ///< topics by number of the packet; of the client's thread alone
   bool connected = false;            ///< the same
+  std::chrono::steady_clock::time_point connected_at;
+  int short_connections = 0;  ///< one after the other
   std::shared_ptr<mosquitto> client;
   std::thread thread;
 
-  Implementation(std::vector<std::shared_ptr<ServedSite>> s, Metrics& m, std::size_t body)
-      : sites(std::move(s)), metrics(m), max_body(body) {}
+  Implementation(std::vector<std::shared_ptr<ServedSite>> s, Metrics& m, const project::Project& project)
+      : sites(std::move(s)),
+        metrics(m),
+        max_body(project.serve.max_body),
+        id(durable_client_id(project.serve.journal)),
+        refused(project.serve.journal + "-refused.jsonl") {}
 
   /// What became of a message, as the body of an answer of HTTP; nothing if it is to come again.
   std::optional<Json> handle(const mosquitto_message& message) {
@@ -50,12 +63,15 @@ struct MqttReceiver::Implementation {
       const std::string_view topic = message.topic;
       const std::string_view payload(static_cast<const char*>(message.payload), message.payloadlen);
       if (topic.ends_with("/withdraw")) {
-        const SiteKey datum = parse_mqtt_key(topic, payload);
-        return answer(datum.key.seq, store([&](auto done) {
-                        site_of(datum.site)->journal().withdraw(datum.key, std::move(done));
+        SiteKey named = parse_mqtt_key(topic, payload);
+        if (message.retain && named.datum.which == RecordName::Which::last)
+          named.datum.which = RecordName::Which::first;
+        return answer(named.datum.key.seq, store([&](auto done) {
+                        site_of(named.site)->journal().withdraw(named.datum, std::move(done));
                       }));
       }
-      const SiteMeasurement datum = parse_mqtt_measurement(topic, payload);
+      SiteMeasurement datum = parse_mqtt_measurement(topic, payload);
+      datum.measurement.restores = !message.retain;
       return answer(datum.measurement.key.seq, store([&](auto done) {
                       const auto site = site_of(datum.site);
                       site->require_test(datum.test);
@@ -66,8 +82,45 @@ struct MqttReceiver::Implementation {
                 {{"topic", message.topic}, {"type", error.type()}, {"reason", error.what()}});
       if (error.status() == 400 || error.status() == 413)
         sites.front()->current()->journal().count("malformed");
+      // That a broker brings again what was withdrawn since is not news.
+      if (!(message.retain && error.type() == "Withdrawn") && !keep(message, error)) return std::nullopt;
       return Json{{"error", {{"type", error.type()}, {"message", error.what()}}}};
     }
+  }
+
+  /// Its sender will be told that it has arrived: what nobody assimilates is kept, and said. False: not now.
+  bool keep(const mosquitto_message& message, const RequestError& error) {
+    const std::string_view payload(static_cast<const char*>(message.payload),
+                                   std::clamp(message.payloadlen, 0, k_max_kept));
+    const auto now = std::chrono::system_clock::now().time_since_epoch();
+    const Json letter = {
+        {"received_at", 1e-3 * std::chrono::duration_cast<std::chrono::milliseconds>(now).count()},
+        {"topic", message.topic},
+        {"type", error.type()},
+        {"reason", error.what()},
+        {"bytes", message.payloadlen},
+        {"payload", std::string(payload)}};
+    while (!refused.store(letter)) {
+      log_event("error", "a refused message cannot be kept: it is not acknowledged",
+                {{"file", refused.path()}});
+      if (stopping) return false;
+      std::this_thread::sleep_for(std::chrono::milliseconds(500));
+    }
+    if (told.size() < k_max_told && told.insert(fmt::format("{} {}", message.topic, error.type())).second) {
+      const auto site = site_at(message.topic);
+      const auto line = site->lines().latest();
+      site->alarms().raise(line ? line->step : 0, "warning", "sensors",
+                           fmt::format("a message at {} was refused: {}; it is kept in {}, as others will be",
+                                       message.topic, error.what(), refused.path()));
+    }
+    return true;
+  }
+
+  /// The site that a topic is of; the first, if it is none's.
+  [[nodiscard]] std::shared_ptr<Site> site_at(std::string_view topic) const {
+    for (const auto& site : sites)
+      if (topic.find(fmt::format("/{}/", site->name())) != std::string_view::npos) return site->current();
+    return sites.front()->current();
   }
 
   /// The test that runs now: another may have taken its place when a message is tried again.
@@ -141,6 +194,7 @@ struct MqttReceiver::Implementation {
       return;
     }
     receiver->connected = true;
+    receiver->connected_at = std::chrono::steady_clock::now();
     log_event("info", "connected to the MQTT broker", {{"broker", receiver->host}, {"port", receiver->port}});
     receiver->subscribe(client);
   }
@@ -179,7 +233,16 @@ struct MqttReceiver::Implementation {
   }
 
   static void on_disconnect(mosquitto*, void* self, int code) {
-    const auto* receiver = static_cast<Implementation*>(self);
+    auto* receiver = static_cast<Implementation*>(self);
+    const auto lasted = std::chrono::steady_clock::now() - receiver->connected_at;
+    const bool is_short = code != 0 && receiver->connected && lasted < k_longest_pause;
+    receiver->short_connections = is_short ? receiver->short_connections + 1 : 0;
+    if (receiver->short_connections == k_suspicious)
+      log_event(
+          "error",
+          "the MQTT broker ends each connection soon: another service may use this client's name; if it "
+          "has a copy of the file with it, delete the copy",
+          {{"broker", receiver->host}, {"client", receiver->id}});
     if (code != 0 && receiver->connected)
       log_event("warning", "the MQTT broker is away",
                 {{"broker", receiver->host}, {"reason", mosquitto_strerror(code)}});
@@ -208,14 +271,12 @@ struct MqttReceiver::Implementation {
 
 MqttReceiver::MqttReceiver(const project::Project& project, std::vector<std::shared_ptr<ServedSite>> sites,
                            Metrics& metrics)
-    : implementation_(std::make_unique<Implementation>(std::move(sites), metrics,
-                                                       static_cast<std::size_t>(project.serve.max_body))) {
+    : implementation_(std::make_unique<Implementation>(std::move(sites), metrics, project)) {
   Implementation& i = *implementation_;
   const MqttBroker broker = mqtt_broker(project);
   i.host = broker.host, i.port = broker.port;
   // The same name at each start: the broker keeps for it what comes meanwhile.
-  i.client =
-      make_mqtt_client(project, "knothe-" + to_hex(sha256_of(project.serve.journal)).substr(0, 12), true, &i);
+  i.client = make_mqtt_client(project, i.id, true, &i);
   mosquitto_connect_callback_set(i.client.get(), Implementation::on_connect);
   mosquitto_subscribe_callback_set(i.client.get(), Implementation::on_subscribe);
   mosquitto_disconnect_callback_set(i.client.get(), Implementation::on_disconnect);

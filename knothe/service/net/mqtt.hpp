@@ -11,6 +11,7 @@ namespace knothe::service {
 /// A connection to a broker, kept up by a thread of its own. A message is acknowledged to the broker (PUBACK)
 /// only after its datum is on disk, or was refused for what it is; while the disk is full it is not, and
 /// comes again. The session is durable: what is published while the service is down comes at its next start.
+/// What was refused is kept in JOURNAL-refused.jsonl, and raises an alarm, before it is acknowledged.
 /// What became of a message is published at knothe/v1/SITE/SOURCE/answer. A datum is withdrawn by the JSON of
 /// `POST /v1/withdraw` at knothe/v1/SITE/SOURCE/withdraw.
 class MqttReceiver {

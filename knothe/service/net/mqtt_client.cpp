@@ -5,8 +5,10 @@
 
 #include <charconv>
 #include <fstream>
+#include <random>
 
 #include "knothe/base/error.hpp"
+#include "knothe/files/atomic_file.hpp"
 
 namespace knothe::service {
 namespace {
@@ -20,6 +22,20 @@ std::string first_line(const std::string& path) {
 }
 
 }  // namespace
+
+std::string passing_client_id() {
+  std::random_device device;
+  return fmt::format("knothe-{:08x}{:08x}", device(), device());
+}
+
+std::string durable_client_id(const std::string& journal) {
+  const std::string path = journal + "-client";
+  std::string id;
+  if (std::ifstream(path) >> id && id.starts_with("knothe-") && id.size() <= 23) return id;  // MQTT 3.1.3.1
+  id = passing_client_id();
+  files::write_text_atomically(path, id + "\n");
+  return id;
+}
 
 MqttBroker mqtt_broker(const project::Project& project) {
   const project::MqttOptions& options = project.serve.mqtt;

@@ -17,6 +17,12 @@ struct MqttBroker {
 /// ProjectError for an address that is none.
 [[nodiscard]] MqttBroker mqtt_broker(const project::Project& project);
 
+/// The same at each start, and of no other service, wherever its journal lies: kept beside that, in
+/// NAME-client. IoError where it cannot be.
+[[nodiscard]] std::string durable_client_id(const std::string& journal);
+/// Another each time.
+[[nodiscard]] std::string passing_client_id();
+
 /// A client that is not connected yet, with user, password and certificates of the project. `durable`: the
 /// broker keeps for a client of that id what comes while it is away. `self` is given to callbacks. DataError
 /// for a file that cannot be used, IoError.

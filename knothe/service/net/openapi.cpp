@@ -106,12 +106,14 @@ std::string openapi_document() {
   const Json stored = object_of({{"accepted", boolean},
                                  {"duplicate", boolean},
                                  {"step", integer},
+                                 {"record", integer},
                                  {"quarantined", boolean},
                                  {"reason", words},
                                  {"replacement", boolean}},
                                 {"accepted", "duplicate", "step"});
-  const Json key = object_of({{"site", words}, {"source", words}, {"session", words}, {"seq", integer}},
-                             {"source", "session", "seq"});
+  const Json key = object_of(
+      {{"site", words}, {"source", words}, {"session", words}, {"seq", integer}, {"record", integer}},
+      {"source", "session", "seq"});
   const Json held = object_of({{"source", words},
                                {"session", words},
                                {"seq", integer},

@@ -91,8 +91,8 @@ TEST(Allocation, TheJournalKeepsWhatWasCommittedAndNothingElse) {
           journal.begin();
           (void)journal.append(datum(committed));
           (void)journal.append(datum(committed + 1), {true, false});
-          (void)journal.release(datum(committed + 1).key);
-          (void)journal.withdraw(datum(committed).key);
+          (void)journal.release({datum(committed + 1).key});
+          (void)journal.withdraw({datum(committed).key});
           journal.commit();
         } catch (...) {
           allocations_left = -1;

@@ -6,8 +6,8 @@
 #include <map>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <thread>
+#include <vector>
 
 #include "knothe/service/site/intake.hpp"
 #include "knothe/service/site/settled_files.hpp"
@@ -15,11 +15,19 @@
 
 namespace knothe::service {
 
+class RegularFile;
+
+/// The files that are in a project's watched folders now: of another specimen, for a test that begins now.
+/// Those that `known` has seen are not read again.
+[[nodiscard]] std::vector<JournalFile> files_there(const project::Project& project,
+                                                   const FileRegister& known);
+
 /// One site's folders, with a thread of its own. A picture's key is (pictures, NAME OF THE FOLDER, n), n its
 /// line in the folder's `pictures.csv` or the number in its name; a CSV file's are (csv, NAME OF THE FILE,
-/// step of the model) for each of its times. So what is in the journal already, after a restart or for a file
-/// that comes twice, is known without being read. A picture that cannot be used is a datum whose values are
-/// all missing, with the reason in the log and as an alarm.
+/// step of the model) for each of its times. What became of a file, by its content, is kept in the journal:
+/// so it is done with after a restart, or in another test. A picture that cannot be used is a datum whose
+/// values are all missing, with the reason in the log and as an alarm; so is said of each file that gives no
+/// datum.
 class FolderWatch {
  public:
   [[nodiscard]] static bool is_wanted(const project::Project& project);
@@ -35,25 +43,36 @@ class FolderWatch {
   };
   using StoreOutcome = Intake::StoreOutcome;  ///< of a file
 
+  struct Folder {
+    std::string source;  ///< of its data
+    SettledFiles files;
+  };
+
   void run();
-  void ingest_pictures();
-  void ingest_tables();
-  [[nodiscard]] Place place_of(const std::string& name) const;
-  StoreOutcome ingest_picture(const std::string& name);
-  StoreOutcome ingest_table(const std::string& name);
-  [[nodiscard]] bool is_of_another_test(const SettledFiles& files, const std::string& name);
-  [[nodiscard]] bool patient(const SettledFiles& files, const std::string& name) const;
+  void ingest(Folder& folder);
+  StoreOutcome ingest(Folder& folder, JournalFile& file);
+  StoreOutcome ingest_picture(const Folder& folder, const RegularFile& opened, JournalFile& file);
+  StoreOutcome ingest_table(const RegularFile& opened, const JournalFile& file);
+  [[nodiscard]] bool is_known(const JournalFile& file) const;
+  [[nodiscard]] files::Picture read(const RegularFile& file) const;
+  [[nodiscard]] std::string complaint(const std::string& name, const std::string& holder,
+                                      std::int64_t seq) const;
+  [[nodiscard]] Place place_of(const Folder& folder, const std::string& name) const;
+  void show(const Folder& folder, const std::string& name);
+  void tell_of_others(const Folder& folder, const std::string& name);
+  [[nodiscard]] bool patient(const Folder& folder, const std::string& name) const;
   /// False when it is time to end.
   bool wait(double seconds);
 
   std::shared_ptr<Site> site_;
   Intake intake_;
-  std::optional<SettledFiles> pictures_, tables_;
+  std::vector<Folder> folders_;
   std::map<std::array<double, 4>, std::size_t> sensor_at_;  ///< x, y, z, component → index
   bool told_of_others_ = false;
   std::mutex mutex_;
   std::condition_variable end_;
   bool ending_ = false;
+  std::shared_ptr<Pulse> pulse_;
   std::thread thread_;
 };
 

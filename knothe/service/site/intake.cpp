@@ -79,6 +79,7 @@ Eigen::VectorXd Intake::increment_to(std::optional<std::size_t> step) {
 Intake::StoreOutcome Intake::store(Measurement measurement, const std::string& name) {
   const auto promise = std::make_shared<std::promise<JournalWriter::Answer>>();
   auto answer = promise->get_future();
+  measurement.restores = false;
   try {
     // What no request can name could never be withdrawn or released.
     const likelihood::DatumKey& key = measurement.key;
@@ -96,7 +97,7 @@ Intake::StoreOutcome Intake::store(Measurement measurement, const std::string& n
   } catch (const Json::exception&) {
     refuse(name, fmt::format("{}: its name is not UTF-8", name));
   }
-  return StoreOutcome::done;
+  return StoreOutcome::refused;
 }
 
 void Intake::refuse(const std::string& name, const std::string& reason) {

@@ -15,8 +15,8 @@ namespace knothe::service {
 /// For one thread.
 class Intake {
  public:
-  /// What became of a datum: stored (or refused for good), or to be tried again.
-  enum class StoreOutcome { done, again };
+  /// What became of a datum: stored, to be tried again, or refused for good, which is said.
+  enum class StoreOutcome { done, again, refused };
   struct PictureStamp {
     likelihood::DatumKey key;
     double time = 0;   ///< of the model
@@ -36,7 +36,7 @@ class Intake {
   [[nodiscard]] Measured measure(const PictureStamp& stamp, const files::Picture& picture);
   /// A picture that cannot be read, or did not come.
   [[nodiscard]] Measurement missing(const PictureStamp& stamp);
-  /// Waits until the datum is on disk, or is refused.
+  /// Waits until the datum is on disk, or is refused. One that was withdrawn is not brought back.
   StoreOutcome store(Measurement measurement, const std::string& name);
   /// Says why something was not taken, in the log and as an alarm.
   void refuse(const std::string& name, const std::string& reason);

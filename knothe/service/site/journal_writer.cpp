@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <filesystem>
 #include <functional>
 #include <future>
 #include <nlohmann/json.hpp>
@@ -18,10 +19,27 @@
 namespace knothe::service {
 namespace {
 
+constexpr double k_max_commit = 60;            // s, of one group
 constexpr std::chrono::seconds k_idle{1};      // then the journal is looked after
 constexpr std::size_t k_largest_group = 256;   // measurements in one commit
 constexpr std::size_t k_longest_queue = 4096;  // then 503: memory is finite
 constexpr double k_largest_value = 1e60;       // in standard deviations: its square must not overflow
+
+constexpr std::uintmax_t k_large_log = 64 << 20;  // bytes; SQLite keeps it at 4 MB where it can
+
+std::uintmax_t log_size(const std::string& journal) {
+  std::error_code none;
+  const std::uintmax_t size = std::filesystem::file_size(journal + "-wal", none);
+  return none ? 0 : size;
+}
+
+/// SQLite moves its log into the journal unless another program holds a reading transaction open.
+void tell_of_large_log(const std::string& site, const std::string& journal, std::uintmax_t before) {
+  const std::uintmax_t now = log_size(journal);
+  if (now / k_large_log > before / k_large_log)
+    log_event("warning", "the journal's log grows: another program reads the journal, and does not end",
+              {{"site", site}, {"journal", journal}, {"log_mb", now >> 20}});
+}
 
 /// What stands behind the displacements, in words.
 std::string scalars_last(const model::Sensors& sensors) {
@@ -47,7 +65,8 @@ std::string units_of(const model::Sensors& sensors, std::size_t i) {
 Json answer_of(const Appended& appended) {
   Json body = {{"accepted", true},
                {"duplicate", appended.outcome == AppendOutcome::duplicate},
-               {"step", appended.step}};
+               {"step", appended.step},
+               {"record", appended.record}};
   if (appended.quarantined) {
     body["quarantined"] = true;
     body["reason"] = appended.reason;
@@ -100,7 +119,8 @@ std::int64_t JournalWriter::count_start(std::int64_t least) {
   return journal_.starts();
 }
 
-void JournalWriter::start() {
+void JournalWriter::start(std::shared_ptr<Pulse> pulse) {
+  pulse_ = pulse ? std::move(pulse) : std::make_shared<Pulse>("the journal's thread", k_max_commit);
   thread_ = std::thread([this] {
     replay();
     commit_loop();
@@ -123,8 +143,7 @@ void JournalWriter::stop() {
 
 void JournalWriter::finish() {
   try {
-    if (!alarms_.empty()) write_alarms(alarms_);
-    alarms_.clear();
+    write_aside();
     if (journal_.in_place()) (void)journal_.checkpoint();
   } catch (const std::exception& error) {
     log_event("error", "the journal could not be closed in order",
@@ -151,11 +170,6 @@ void JournalWriter::count(const std::string& outcome) {
     ++outcomes_[outcome];
   }
   metrics_.count("knothe_measurements_total", site_labels(options_.site, "outcome=\"" + outcome + "\""));
-}
-
-bool JournalWriter::holds(const likelihood::DatumKey& key) const {
-  const std::lock_guard lock(mutex_);
-  return from_folders_.contains(key);
 }
 
 std::optional<Measurement> JournalWriter::last_frame() const {
@@ -190,6 +204,7 @@ void JournalWriter::replay() {
   std::set<likelihood::DatumKey> from_folders;
   std::optional<Measurement> last_frame;
   journal_.for_each([&](JournalEntry entry) {
+    pulse_->beat();
     const likelihood::DatumKey& key = entry.measurement.key;
     if (key.source == k_camera_source && (!last_frame || last_frame->time < entry.measurement.time)) {
       last_frame.emplace().key = key;
@@ -221,9 +236,9 @@ void JournalWriter::replay() {
   {
     const std::lock_guard lock(mutex_);
     quarantine_ = std::move(held);
-    from_folders_ = std::move(from_folders);
     last_frame_ = std::move(last_frame);
   }
+  files_.restore(journal_.files(), std::move(from_folders));
   log_event("info", "journal opened",
             {{"site", options_.site},
              {"journal", journal_.path()},
@@ -277,12 +292,12 @@ void JournalWriter::ingest(Measurement datum, std::function<void(Answer)> done) 
   enqueue({std::move(datum), std::move(done), monotonic_now()});
 }
 
-void JournalWriter::release(likelihood::DatumKey key, std::function<void(Answer)> done) {
-  enqueue({Release{std::move(key)}, std::move(done), monotonic_now()});
+void JournalWriter::release(RecordName name, std::function<void(Answer)> done) {
+  enqueue({Release{std::move(name)}, std::move(done), monotonic_now()});
 }
 
-void JournalWriter::withdraw(likelihood::DatumKey key, std::function<void(Answer)> done) {
-  enqueue({Withdrawal{std::move(key)}, std::move(done), monotonic_now()});
+void JournalWriter::withdraw(RecordName name, std::function<void(Answer)> done) {
+  enqueue({Withdrawal{std::move(name)}, std::move(done), monotonic_now()});
 }
 
 void JournalWriter::enter(LogbookEntry entry, std::function<void(Answer)> done) {
@@ -313,6 +328,7 @@ void JournalWriter::commit_loop() {
   while (true) {
     std::vector<Request> group;
     {
+      pulse_->rest();
       std::unique_lock lock(mutex_);
       requests_there_.wait_for(lock, k_idle, [&] {
         return !requests_.empty() || stopping_ || (!alarms_.empty() && trouble_.empty());
@@ -324,12 +340,13 @@ void JournalWriter::commit_loop() {
         requests_.pop_front();
       }
     }
-    bool alarms = false;
+    pulse_->beat();
+    bool aside = false;
     {
       const std::lock_guard lock(mutex_);
-      alarms = !alarms_.empty() && trouble_.empty();
+      aside = (!alarms_.empty() || files_.has_unwritten()) && trouble_.empty();
     }
-    if (group.empty() && !alarms) {
+    if (group.empty() && !aside) {
       look_after_journal();
     } else {
       commit(group);
@@ -359,11 +376,13 @@ void JournalWriter::set_trouble(const std::string& trouble) {
   trouble_ = trouble;
 }
 
-/// By themselves. What cannot be kept is said.
-void JournalWriter::write_alarms(const std::deque<Alarm>& alarms) {
+/// Alarms and files, by themselves. What cannot be kept is said.
+void JournalWriter::write_aside() {
+  if (alarms_.empty() && !files_.has_unwritten()) return;
   try {
     journal_.begin();
-    for (const Alarm& alarm : alarms) journal_.add_alarm(alarm);
+    for (const Alarm& alarm : std::exchange(alarms_, {})) journal_.add_alarm(alarm);
+    for (const JournalFile& file : files_.take_unwritten()) journal_.add_file(file);
     journal_.commit();
   } catch (const std::exception& error) {
     journal_.rollback();
@@ -386,9 +405,10 @@ std::string JournalWriter::refuse_if_misplaced(std::vector<Answer>& answers) con
 /// One group of requests, one commit; each is answered when that is on disk.
 void JournalWriter::commit(std::vector<Request>& group) {
   const auto start = monotonic_now();
+  const std::uintmax_t log_before = log_size(journal_.path());
   std::vector<Answer> answers;
   Written written;
-  const auto largest_before = largest_seqs_;
+  largest_before_.clear();
   const SensorSwitches switches_before = switches_;
   const TestCourse course_before = course_;
   std::string trouble;
@@ -397,16 +417,18 @@ void JournalWriter::commit(std::vector<Request>& group) {
     const std::lock_guard lock(mutex_);
     alarms.swap(alarms_);
   }
+  const std::deque<JournalFile> files = files_.take_unwritten();
   try {
     journal_.begin();
     for (Request& request : group) answers.push_back(write(request, written));
     for (const Alarm& alarm : alarms) journal_.add_alarm(alarm);
+    for (const JournalFile& file : files) journal_.add_file(file);
     journal_.commit();
     checkpointed_ = false;
   } catch (const std::exception& error) {
     trouble = error.what();
     journal_.rollback();
-    largest_seqs_ = largest_before;
+    for (auto& [session, seqs] : largest_before_) largest_seqs_[session] = std::move(seqs);
     switches_ = switches_before;
     course_ = course_before;
     written = {};
@@ -414,16 +436,18 @@ void JournalWriter::commit(std::vector<Request>& group) {
                    RequestError(507, "DiskFull", fmt::format("nothing was stored: {}", trouble)));
   }
   if (trouble.empty()) {
+    tell_of_large_log(options_.site, journal_.path(), log_before);
     trouble = refuse_if_misplaced(answers);
   } else {
+    files_.put_back(files);
     const std::lock_guard lock(mutex_);
     alarms_.insert(alarms_.begin(), alarms.begin(), alarms.end());
   }
   metrics_.observe("knothe_phase_seconds", site_labels(options_.site, "phase=\"commit\""),
                    seconds_since(start));
+  for (const likelihood::DatumKey& key : written.from_folders) files_.hold(key);
   {
     const std::lock_guard lock(mutex_);
-    from_folders_.insert(written.from_folders.begin(), written.from_folders.end());
     quarantine_.insert(quarantine_.end(), written.quarantined.begin(), written.quarantined.end());
     for (const JournalEntry& gone : written.no_longer_quarantined)
       std::erase_if(quarantine_, [&](const JournalEntry& held) { return held.id == gone.id; });
@@ -477,29 +501,33 @@ JournalWriter::Answer JournalWriter::write(Request& request, Written& written) {
 }
 
 JournalWriter::Answer JournalWriter::write(const Release& release, MonotonicTime at, Written& written) {
-  auto entry = journal_.release(release.key);
+  auto entry = journal_.release(release.name);
   if (!entry)
     return RequestError(404, "NotQuarantined",
                         fmt::format("there is no quarantined datum of source \"{}\", session \"{}\", seq {}",
-                                    release.key.source, release.key.session, release.key.seq));
+                                    release.name.key.source, release.name.key.session, release.name.key.seq));
   match_step(*entry, setup_.problem.model->time, journal_.path());
   if (!entry->released) written.arrivals.push_back({switches_.seen(entry->measurement), at});
   written.no_longer_quarantined.push_back(*entry);
   return Appended{entry->released ? AppendOutcome::duplicate : AppendOutcome::accepted,
                   {},
                   entry->measurement.step,
+                  entry->id,
                   entry->measurement.received_ms,
                   false,
                   {}};
 }
 
 JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, MonotonicTime at, Written& written) {
-  const likelihood::DatumKey& key = withdrawal.key;
-  auto entry = journal_.withdraw(key);
+  const likelihood::DatumKey& key = withdrawal.name.key;
+  auto entry = journal_.withdraw(withdrawal.name);
   if (!entry)
     return RequestError(404, "UnknownDatum",
-                        fmt::format("there is no datum of source \"{}\", session \"{}\", seq {}", key.source,
-                                    key.session, key.seq));
+                        fmt::format("there is no datum of source \"{}\", session \"{}\", seq {}{}",
+                                    key.source, key.session, key.seq,
+                                    withdrawal.name.which == RecordName::Which::numbered
+                                        ? fmt::format(" with the record number {}", withdrawal.name.number)
+                                        : ""));
   if (const auto step = likelihood::matching_time(entry->measurement.time, setup_.problem.model->time))
     entry->measurement.step = *step;
   if (!entry->withdrawn) {
@@ -507,8 +535,7 @@ JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, Monoton
     written.no_longer_quarantined.push_back(*entry);
     written.withdrawn.push_back(entry->measurement);
     // What comes now is judged late by the data that are left: a wrong seq, far ahead, is no more in the way.
-    largest_seqs_[{key.source, key.session}] =
-        journal_.largest_seqs(key.source, key.session, options_.window + 1);
+    seqs_of(key) = journal_.largest_seqs(key.source, key.session, options_.window + 1);
   }
   return Withdrawn{entry->measurement.step, entry->withdrawn};
 }
@@ -547,16 +574,30 @@ RequestError JournalWriter::refusal_after(const LogbookEntry& end) {
                       end.author)};
 }
 
+/// To be changed by the group at hand, and remembered as they were.
+std::vector<std::int64_t>& JournalWriter::seqs_of(const likelihood::DatumKey& key) {
+  auto& seqs = largest_seqs_[{key.source, key.session}];
+  largest_before_.try_emplace({key.source, key.session}, seqs);
+  return seqs;
+}
+
 /// The places that a datum is late are the data of its session that should have come after it and came
 /// before: one wrong seq, however far ahead, is one of them.
 void JournalWriter::count_seq(const likelihood::DatumKey& key) {
-  auto& largest = largest_seqs_[{key.source, key.session}];
+  auto& largest = seqs_of(key);
   largest.insert(std::upper_bound(largest.begin(), largest.end(), key.seq, std::greater<>()), key.seq);
   if (std::ssize(largest) > options_.window + 1) largest.pop_back();
 }
 
 JournalWriter::Answer JournalWriter::write(Measurement& datum, MonotonicTime at, Written& written) {
-  if (course_.end() && !journal_.holds(datum.key)) return refusal_after(*course_.end());
+  const auto withdrawn = journal_.withdrawn(datum.key);
+  if (course_.end() && withdrawn.value_or(true)) return refusal_after(*course_.end());
+  if (!datum.restores && withdrawn.value_or(false))
+    return RequestError(
+        409, "Withdrawn",
+        fmt::format("source \"{}\", session \"{}\", seq {} was withdrawn, and what comes again by "
+                    "itself does not restore it: send it under another key",
+                    datum.key.source, datum.key.session, datum.key.seq));
   const auto& largest = largest_seqs_[{datum.key.source, datum.key.session}];
   const bool late = std::ssize(largest) > options_.window && largest.back() > datum.key.seq;
   Measurement seen = switches_.seen(datum);

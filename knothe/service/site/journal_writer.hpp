@@ -17,8 +17,10 @@
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/update_setup.hpp"
 #include "knothe/service/journal/journal.hpp"
+#include "knothe/service/site/file_register.hpp"
 #include "knothe/service/site/log.hpp"
 #include "knothe/service/site/metrics.hpp"
+#include "knothe/service/site/pulses.hpp"
 #include "knothe/service/site/site_logbook.hpp"
 
 namespace knothe::service {
@@ -91,7 +93,7 @@ class JournalWriter {
   [[nodiscard]] const JournalReader& records() const { return journal_; }
   /// Stores an alarm: with the next group, by itself, or in `finish`.
   void store_alarm(Alarm alarm);
-  void start();
+  void start(std::shared_ptr<Pulse> pulse = nullptr);
   void open();    ///< From now on requests are taken.
   void stop();    ///< Commits what was taken, ends the thread.
   void finish();  ///< After `stop`: keeps the last alarms, and leaves nothing in the journal's log.
@@ -101,15 +103,15 @@ class JournalWriter {
   /// is not going to be). RequestError for what is wrong with it.
   void ingest(Measurement datum, std::function<void(Answer)> done);
   /// Lets a quarantined datum in. The same.
-  void release(likelihood::DatumKey key, std::function<void(Answer)> done);
+  void release(RecordName name, std::function<void(Answer)> done);
   /// Takes a datum out. The same.
-  void withdraw(likelihood::DatumKey key, std::function<void(Answer)> done);
+  void withdraw(RecordName name, std::function<void(Answer)> done);
   /// Writes an entry into the logbook. The same.
   void enter(LogbookEntry entry, std::function<void(Answer)> done);
   /// The same, and waits until it is on disk: as it is there. RequestError where it is not.
   LogbookEntry enter(LogbookEntry entry);
-  /// Whether a datum that came from a watched folder is in the journal.
-  [[nodiscard]] bool holds(const likelihood::DatumKey& key) const;
+  /// What became of the files of watched folders.
+  [[nodiscard]] FileRegister& files() { return files_; }
   /// The last datum of a camera that was in the journal at the start, without its values.
   [[nodiscard]] std::optional<Measurement> last_frame() const;
   void count(const std::string& outcome);  ///< of a request that did not get so far: "malformed"
@@ -118,10 +120,10 @@ class JournalWriter {
 
  private:
   struct Release {
-    likelihood::DatumKey key;
+    RecordName name;
   };
   struct Withdrawal {
-    likelihood::DatumKey key;
+    RecordName name;
   };
   struct Request {
     std::variant<Measurement, Release, Withdrawal, LogbookEntry> what;
@@ -133,7 +135,7 @@ class JournalWriter {
   void replay();
   void commit_loop();
   void look_after_journal();
-  void write_alarms(const std::deque<Alarm>& alarms);
+  void write_aside();
   void commit(std::vector<Request>& group);
   /// What is true once a group is on disk.
   struct Written {
@@ -170,10 +172,12 @@ class JournalWriter {
   bool checkpointed_ = true;  ///< of the thread: nothing is in the journal's log alone
   /// Of the thread, by source and session: the largest seqs, one more than may come late, the largest first.
   using LargestSeqs = std::map<std::pair<std::string, std::string>, std::vector<std::int64_t>>;
-  LargestSeqs largest_seqs_;
+  LargestSeqs largest_seqs_, largest_before_;  ///< and those of the group's sessions before it
+  std::vector<std::int64_t>& seqs_of(const likelihood::DatumKey& key);
   void count_seq(const likelihood::DatumKey& key);
   SensorSwitches switches_;  ///< of the thread
-  TestCourse course_;        ///< of the thread
+  FileRegister files_;
+  TestCourse course_;  ///< of the thread
   void apply(const LogbookEntry& entry);
 
   mutable std::mutex mutex_;  ///< everything below
@@ -184,9 +188,9 @@ class JournalWriter {
   std::string trouble_;  ///< why nothing can be written; empty: it can
   std::vector<JournalEntry> quarantine_;
   std::map<std::string, std::int64_t> outcomes_;
-  std::set<likelihood::DatumKey> from_folders_;
   std::optional<Measurement> last_frame_;
 
+  std::shared_ptr<Pulse> pulse_;  ///< of the thread
   std::thread thread_;
 };
 

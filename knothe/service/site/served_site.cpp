@@ -9,6 +9,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/service/journal/sqlite.hpp"
 #include "knothe/service/journal/test_journals.hpp"
+#include "knothe/service/site/folder_watch.hpp"
 
 namespace knothe::service {
 namespace {
@@ -146,6 +147,30 @@ std::shared_ptr<Site> ServedSite::open_ready(const std::string& test, std::int64
   }
 }
 
+namespace {
+
+/// What is in the watched folders when a test begins, or is gone back to, is not of its specimen. What no
+/// test has taken is said.
+void note_files_there(Site& next, Site& before) {
+  std::string first;
+  std::size_t count = 0;
+  const FileRegister& known = before.journal().files();
+  for (const JournalFile& file : files_there(next.project(), known)) {
+    if (next.journal().files().settled(file)) continue;
+    next.journal().files().note(file);
+    if (!known.digest_of(file.source, file.name).empty()) continue;
+    if (count++ == 0) first = file.name;
+  }
+  if (count == 0) return;
+  next.alarms().raise(
+      0, "warning", "sensors",
+      fmt::format("{} files came before this test and no test has taken them, first {}: they are left "
+                  "alone; what is of this test can be sent (POST /v1/measurements)",
+                  count, first));
+}
+
+}  // namespace
+
 /// The one that runs goes on while the other is opened, and until it is followed. What its senders bring in
 /// the moment between that and the change is refused as not ready (503): it comes again, to the new one.
 LogbookEntry ServedSite::change_to(const std::string& test, LogbookEntry first) {
@@ -156,8 +181,15 @@ LogbookEntry ServedSite::change_to(const std::string& test, LogbookEntry first) 
                        stopping_ ? "the service is stopping" : "the journal is being replayed");
   const auto next = open_ready(test, before->starts() + 1);
   const std::string author = first.author;
-  const LogbookEntry written = next->journal().enter(std::move(first));
   watches_.clear();
+  LogbookEntry written;
+  try {
+    note_files_there(*next, *before);  // on disk with the entry
+    written = next->journal().enter(std::move(first));
+  } catch (const std::exception&) {
+    watches_ = settings_.watch(before);
+    throw;
+  }
   const auto follow = [&](Site& left, const std::string& by) {
     const auto latest = left.lines().latest();
     left.journal().enter(

@@ -65,12 +65,23 @@ void notify_systemd(const std::string& text) {
   ::close(number);
 }
 
-/// As many open files as the connections may need, where the system lets us.
-void allow_descriptors(std::size_t count) {
+/// As many open files as the connections may need, where the system lets us: how many connections there can
+/// be then, beside the files. With more, each new one would wait for another's end.
+std::size_t allow_connections(std::size_t wanted) {
+  constexpr std::size_t k_files = 256, k_min_files = 40;
   rlimit limit{};
-  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0 || limit.rlim_cur >= count) return;
-  limit.rlim_cur = std::min<rlim_t>(count, limit.rlim_max);
-  (void)::setrlimit(RLIMIT_NOFILE, &limit);
+  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return wanted;
+  if (limit.rlim_cur < wanted + k_files) {
+    limit.rlim_cur = std::min<rlim_t>(wanted + k_files, limit.rlim_max);
+    (void)::setrlimit(RLIMIT_NOFILE, &limit);
+  }
+  const std::size_t files =
+      std::min<std::size_t>(k_files, std::max<std::size_t>(k_min_files, limit.rlim_cur / 2));
+  const std::size_t room = limit.rlim_cur > files ? limit.rlim_cur - files : 1;
+  if (room < wanted)
+    log_event("warning", "fewer connections than [serve] max_connections: the limit of open files is too low",
+              {{"connections", room}, {"max_connections", wanted}, {"open_files", limit.rlim_cur}});
+  return std::min(room, wanted);
 }
 
 /// Tells systemd that the service is there and well, as often as its watchdog wants.
@@ -97,7 +108,8 @@ class WatchedApi final : public HttpHandler {
     if (ready && !told_) notify_systemd("READY=1");
     told_ = told_ || ready;
     const auto now = monotonic_now();
-    if (interval_.count() > 0 && now - last_ > interval_) {
+    // Who hangs is started again: systemd's watchdog sees to it.
+    if (interval_.count() > 0 && now - last_ > interval_ && api_.complaint().empty()) {
       notify_systemd("WATCHDOG=1");
       last_ = now;
     }
@@ -175,12 +187,11 @@ void serve(const project::Project& project, const ServiceOptions& arguments) {
   }
   Api api(sites, api_options, metrics);
   WatchedApi watched(api, sites);
-  allow_descriptors(options.max_connections + 256);
   HttpServerOptions http_options;
   http_options.address = options.address;
   http_options.port = arguments.port.value_or(options.port);
   http_options.max_body = options.max_body;
-  http_options.max_connections = options.max_connections;
+  http_options.max_connections = allow_connections(options.max_connections);
   http_options.timeout = options.timeout;
   HttpServer http(http_options, watched, metrics);
   server = &http;

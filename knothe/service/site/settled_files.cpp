@@ -3,50 +3,85 @@
 #include <sys/stat.h>
 
 #include <algorithm>
-#include <limits>
+#include <filesystem>
 #include <utility>
 
 #include "knothe/imaging/series/picture_folder.hpp"
 
 namespace knothe::service {
+namespace {
+
+/// A folder's time of change may stand still for so long (FAT) while files come.
+constexpr std::chrono::seconds k_coarsest_clock{2};
+/// Files that are done, and folders whose time of change has not moved, are looked at all the same, as often
+/// as that takes at most one part in so many of the time.
+constexpr int k_share_of_time = 100, k_share_while_files_come = 10;
+constexpr std::chrono::seconds k_quiet{1};
+
+std::int64_t ns_of(const timespec& time) {
+  return std::int64_t{1'000'000'000} * time.tv_sec + time.tv_nsec;
+}
+
+}  // namespace
+
+std::vector<std::string> names_in(const std::string& folder,
+                                  const std::function<bool(const std::string&)>& wanted) {
+  std::vector<std::string> names;
+  std::error_code failure;
+  for (auto it = std::filesystem::directory_iterator(folder, failure);
+       !failure && it != std::filesystem::directory_iterator(); it.increment(failure))
+    if (std::string name = it->path().filename().string(); wanted(name)) names.push_back(std::move(name));
+  return names;
+}
 
 SettledFiles::SettledFiles(std::string folder, double settle_s,
                            std::function<bool(const std::string&)> wanted)
     : folder_(std::move(folder)), settle_s_(settle_s), wanted_(std::move(wanted)) {}
 
-std::vector<std::string> SettledFiles::new_files(Clock::time_point now) {
-  std::error_code failure;
+/// Whether nothing can have come since the last look: the folder is as it was, and no file is waited for. So
+/// many files, of whatever name, cost nothing while nothing comes.
+bool SettledFiles::may_skip(Clock::time_point now) {
+  struct stat found {};
+  const std::int64_t changed = ::stat(folder_.c_str(), &found) == 0 ? ns_of(found.st_mtim) : -1;
+  if (changed != folder_ns_) folder_since_ = now;
+  const bool same = std::exchange(folder_ns_, changed) == changed;
+  if (now < next_at_) return true;
+  const bool waits = std::any_of(files_.begin(), files_.end(), [](const auto& f) { return !f.second.done; });
+  return same && !waits && listed_at_ - folder_since_ > k_coarsest_clock &&
+         now - listed_at_ < std::max<Clock::duration>(k_quiet, (next_at_ - listed_at_) * k_share_of_time /
+                                                                   k_share_while_files_come);
+}
+
+void SettledFiles::list(Clock::time_point now) {
+  const auto start = Clock::now();
   std::map<std::string, File> found;
-  std::vector<std::string> settled;
-  for (auto it = std::filesystem::directory_iterator(folder_, failure);
-       !failure && it != std::filesystem::directory_iterator(); it.increment(failure)) {
-    const std::string name = it->path().filename().string();
-    // A file that goes while it is looked at is not there.
-    std::error_code gone;
-    if (!wanted_(name) || !it->is_regular_file(gone)) continue;
-    File file{it->file_size(gone), {}, now, false};
-    if (!gone) file.changed = it->last_write_time(gone);
-    if (gone) continue;
+  for (std::string& name : names_in(folder_, wanted_)) {
+    struct stat it {};
+    if (::lstat(path(name).c_str(), &it) != 0) continue;  // it goes while it is looked at
+    File file{it.st_size, ns_of(it.st_mtim), now, false};
     const auto before = files_.find(name);
-    if (before != files_.end() && before->second.size == file.size && before->second.changed == file.changed)
+    if (before != files_.end() && before->second.size == file.size &&
+        before->second.changed_ns == file.changed_ns)
       file = before->second;
-    if (!file.done && std::chrono::duration<double>(now - file.since).count() >= settle_s_)
-      settled.push_back(name);
-    found.emplace(name, file);
+    found.emplace(std::move(name), file);
   }
   files_ = std::move(found);
+  listed_at_ = now;
+  next_at_ = now + k_share_while_files_come * (Clock::now() - start);
+}
+
+std::vector<std::string> SettledFiles::new_files(Clock::time_point now) {
+  if (!may_skip(now)) list(now);
+  std::vector<std::string> settled;
+  for (const auto& [name, file] : files_)
+    if (!file.done && std::chrono::duration<double>(now - file.since).count() >= settle_s_)
+      settled.push_back(name);
   std::sort(settled.begin(), settled.end(), imaging::natural_less);
   return settled;
 }
 
 double SettledFiles::rest(const std::string& name, Clock::time_point now) const {
   return std::chrono::duration<double>(now - files_.at(name).since).count();
-}
-
-std::int64_t SettledFiles::arrival_ms(const std::string& name) const {
-  struct stat found {};
-  if (::stat(path(name).c_str(), &found) != 0) return std::numeric_limits<std::int64_t>::max() / 2;
-  return 1000 * found.st_ctim.tv_sec + found.st_ctim.tv_nsec / 1'000'000;
 }
 
 std::string SettledFiles::path(const std::string& name) const {

@@ -4,7 +4,7 @@
 /// changes.
 #include <chrono>
 #include <cstdint>
-#include <filesystem>
+#include <ctime>
 #include <functional>
 #include <map>
 #include <string>
@@ -19,29 +19,36 @@ class SettledFiles {
   SettledFiles(std::string folder, double settle_s, std::function<bool(const std::string&)> wanted);
 
   /// Names (numbers in them by value) whose size and time of change have been the same for `settle_s`, and
-  /// which are not done.
+  /// which are not done. Of whatever kind: a pipe or a link too is something that came.
   [[nodiscard]] std::vector<std::string> new_files(Clock::time_point now);
   /// The file is taken; it comes again only if it changes.
   void done(const std::string& name) { files_.at(name).done = true; }
   /// How long the file has not changed, s.
   [[nodiscard]] double rest(const std::string& name, Clock::time_point now) const;
-  /// When it came, by the clock of the file system, Unix time: a copy that keeps the time of its original
-  /// has come when it was made. For ever ahead for a file that has gone.
-  [[nodiscard]] std::int64_t arrival_ms(const std::string& name) const;
   [[nodiscard]] std::string path(const std::string& name) const;
   [[nodiscard]] const std::string& folder() const { return folder_; }
+  [[nodiscard]] bool wants(const std::string& name) const { return wanted_(name); }
 
  private:
   struct File {
-    std::uintmax_t size = 0;
-    std::filesystem::file_time_type changed;
+    std::int64_t size = 0, changed_ns = 0;
     Clock::time_point since;
     bool done = false;
   };
+  [[nodiscard]] bool may_skip(Clock::time_point now);
+  void list(Clock::time_point now);
+
   std::string folder_;
   double settle_s_;
   std::function<bool(const std::string&)> wanted_;
   std::map<std::string, File> files_;
+  std::int64_t folder_ns_ = -1;            ///< the folder's own time of change
+  Clock::time_point folder_since_;         ///< when that was seen first
+  Clock::time_point listed_at_, next_at_;  ///< the last look at all files, and before when there is no other
 };
+
+/// The names in a folder that are `wanted`; none where it cannot be read.
+[[nodiscard]] std::vector<std::string> names_in(const std::string& folder,
+                                                const std::function<bool(const std::string&)>& wanted);
 
 }  // namespace knothe::service

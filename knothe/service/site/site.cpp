@@ -16,7 +16,9 @@ namespace knothe::service {
 namespace {
 
 constexpr std::size_t k_newest_first_from = 16;  // stale lines
-constexpr double k_moved_std = 0.5;              // of a posterior that is asked about again
+// s; a thread that is longer at one piece of work is stuck
+constexpr double k_max_commit = 60, k_max_update = 600;
+constexpr double k_moved_std = 0.5;  // of a posterior that is asked about again
 
 /// Of "a/b" and "c", and of "a" and "b/c", one string each.
 std::string escaped(const std::string& name) {
@@ -92,7 +94,8 @@ void Site::restore_model() {
 }
 
 void Site::start() {
-  journal_.start();
+  journal_.start(health_.pulses().add("the journal's thread", k_max_commit));
+  pulse_ = health_.pulses().add("the updating thread", k_max_update);
   updater_ = std::thread([this] { update_loop(); });
 }
 
@@ -175,6 +178,7 @@ void Site::update_loop() {
     std::vector<Arrival> arrivals;
     bool finish = false;
     {
+      pulse_->rest();
       std::unique_lock lock(mutex_);
       arrivals_there_.wait(lock, [&] {
         return !arrivals_.empty() || no_more_arrivals_ || (replayed_ && (!ready_ || stale_lines_ > 0)) ||
@@ -187,7 +191,9 @@ void Site::update_loop() {
       at_hand_ = arrivals.size();
       finish = replayed_;
     }
+    pulse_->beat();
     apply_arrivals(arrivals);
+    pulse_->beat();
     if (!arrivals.empty()) newest_is_shown_ = false;
     conclude_next();
     adopt_verification();
@@ -214,6 +220,7 @@ void Site::apply_arrivals(const std::vector<Arrival>& arrivals) {
   for (const Arrival& arrival : arrivals) {
     const bool comes = arrival.kind == Kind::live || arrival.kind == Kind::past;
     std::string trouble;
+    pulse_->beat();
     try {
       if (arrival.kind == Kind::withdrawn) withdraw(arrival.measurement);
       if (arrival.kind == Kind::replaced) (void)remove(arrival.measurement);

@@ -137,6 +137,7 @@ class Site : public SiteFacts {
   Verification verification_;           ///< of `model_`, under mutex_
   Eigen::VectorXd asked_mean_;          ///< updating thread; of the posterior it was asked at last
 
+  std::shared_ptr<Pulse> pulse_;  ///< of the updating thread
   std::thread updater_;
 };
 

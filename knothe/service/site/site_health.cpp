@@ -80,6 +80,7 @@ SiteHealth::State SiteHealth::state(const Facts& facts) const {
   const std::lock_guard lock(mutex_);
   const auto now = monotonic_now();
   if (!facts.failure.empty()) return {"DIVERGED", "the last update failed: " + facts.failure};
+  if (const std::string stuck = pulses_.complaint(now); !stuck.empty()) return {"DEGRADED", stuck};
   if (facts.read_only)
     return {"DEGRADED", "measurements are refused, because they cannot be stored: " + facts.trouble};
   double oldest = 0;

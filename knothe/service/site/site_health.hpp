@@ -8,6 +8,7 @@
 #include "knothe/base/monotonic_time.hpp"
 #include "knothe/project/serve_options.hpp"
 #include "knothe/service/site/line.hpp"
+#include "knothe/service/site/pulses.hpp"
 
 namespace knothe::service {
 
@@ -46,6 +47,8 @@ class SiteHealth {
   [[nodiscard]] std::int64_t deadline_misses() const;
   [[nodiscard]] bool missed_strict_deadline() const { return strict_miss_.load(); }
 
+  /// Of the site's threads.
+  [[nodiscard]] Pulses& pulses() const { return pulses_; }
   [[nodiscard]] State state(const Facts& facts) const;
   /// Sets the state. True if it is another than before.
   bool update_state(const State& state);
@@ -55,6 +58,7 @@ class SiteHealth {
   static constexpr double k_min_budget = 0.01;  ///< s, where it is derived from the period
   const project::ServeOptions& options_;
   bool strict_;
+  mutable Pulses pulses_;
   mutable std::mutex mutex_;
   std::deque<MonotonicTime> accepted_at_;  ///< the last 32
   std::vector<MonotonicTime> awaited_;

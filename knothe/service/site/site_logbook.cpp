@@ -40,16 +40,6 @@ std::optional<LogbookEntry> SiteLogbook::finished() const {
   return course_.end();
 }
 
-bool SiteLogbook::had_turn_at(std::int64_t unix_ms) const {
-  const std::lock_guard lock(mutex_);
-  return course_.had_turn_at(unix_ms);
-}
-
-std::int64_t SiteLogbook::begun_ms() const {
-  const std::lock_guard lock(mutex_);
-  return course_.begun_ms();
-}
-
 std::vector<LogbookEntry> SiteLogbook::after(std::int64_t number) const {
   const std::lock_guard lock(mutex_);
   const auto first = std::find_if(entries_.begin(), entries_.end(),

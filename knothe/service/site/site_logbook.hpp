@@ -21,9 +21,6 @@ class SiteLogbook {
   [[nodiscard]] std::int64_t last_number() const;
   /// The entry that finished the test, if it is.
   [[nodiscard]] std::optional<LogbookEntry> finished() const;
-  /// Of `TestCourse`.
-  [[nodiscard]] bool had_turn_at(std::int64_t unix_ms) const;
-  [[nodiscard]] std::int64_t begun_ms() const;
   /// Sensors that are switched off at that step, increasing.
   [[nodiscard]] std::vector<std::int64_t> off_at(std::size_t step) const;
 
