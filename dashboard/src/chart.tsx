@@ -22,6 +22,8 @@ export interface Series {
   hidden?: boolean;
   format?: (value: number) => string;
   points?: boolean;
+  /** A line without an entry of its own in the legend. */
+  bare?: boolean;
   /** Points alone, no line. */
   dots?: boolean;
   /** What the legend and a table say, where it is not what is drawn (stacked bars). */
@@ -68,6 +70,8 @@ export interface ChartSpec {
   briefNotes?: boolean;
   /** What else the legend says. */
   legend?: LegendEntry[];
+  /** The horizontal axis counts. */
+  counts?: boolean;
   /** Plots over the same numbers share their cursor; "" is none. */
   sync?: string;
 }
@@ -82,7 +86,7 @@ export interface LegendEntry {
 
 export function legendOf(spec: ChartSpec, index: number | undefined, theme: Theme): LegendEntry[] {
   const own = spec.series.flatMap((s): LegendEntry[] => {
-    if (s.hidden || (spec.brief && s.bandTo !== undefined)) return [];
+    if (s.hidden || s.bare || (spec.brief && s.bandTo !== undefined)) return [];
     const said = (of: Series): string => {
       const value = index === undefined ? null : (of.said ?? of.values)[index];
       return value === null || value === undefined ? "–" : (of.format ?? significant)(value);
@@ -268,7 +272,14 @@ function options(live: Live, width: number, height: number, hover: (index: numbe
       y: yScale(live),
     },
     axes: [
-      { ...axis, label: spec.xLabel, labelSize: 18, size: 30, space: 60 },
+      {
+        ...axis,
+        label: spec.xLabel,
+        labelSize: 18,
+        size: 30,
+        space: 60,
+        ...(spec.counts ? { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000] } : {}),
+      },
       ...(spec.above
         ? [
             {
@@ -287,7 +298,8 @@ function options(live: Live, width: number, height: number, hover: (index: numbe
         scale: "y",
         label: spec.yLabel,
         labelSize: 20,
-        size: 52,
+        // As wide as its longest number.
+        size: (_u, ticks) => Math.max(52, 20 + 7 * Math.max(0, ...(ticks ?? []).map((t) => t.length))),
         space: 32,
         values: (_u, ticks) => ticks.map((v) => (v === null ? "" : (live.current.spec.ticks ?? given)(v))),
       },

@@ -200,7 +200,7 @@ test("a band is drawn where its numbers are", () => {
 
 test("a measured signal: dots with their gap, in a unit of its size", () => {
   const spec = chart("measured:0");
-  assert.equal(spec.yLabel, "u_y at (12.0, 30.0) mm [µm]");
+  assert.equal(spec.yLabel, "u_y [µm]");
   const dots = spec.series.find((s) => s.dots)!;
   assert.equal(dots.values[5], null);
   near(dots.values[6], -100 * whole.lines[6]!.time);

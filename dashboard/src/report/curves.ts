@@ -44,7 +44,8 @@ export function measuredSpec(record: Assimilation, m: Measured, theme: Theme): C
       { label: "measured", values: scaled(m.measured), colour: theme.orange, dots: true, format },
     ],
     xLabel: timeLabel,
-    yLabel: axisLabel(m.label, scale.units || "–"),
+    // Where a sensor is stands below the figure.
+    yLabel: axisLabel(m.label.split(" at (")[0]!, scale.units || "–"),
     gaps: timeline(record.lines).gaps,
     height: 250,
   };
@@ -153,7 +154,7 @@ export function qqSpec(record: Assimilation, theme: Theme): ChartSpec | undefine
       { label: "residuals", values: kept.map(([, y]) => y), colour: theme.blue, dots: true },
     ],
     xLabel: "quantile of a standard normal [σ]",
-    yLabel: "quantile of the residuals [σ]",
+    yLabel: "residual quantile [σ]",
     height: 250,
     sync: "",
   };
@@ -265,7 +266,7 @@ export function noiseSpec(record: Assimilation, theme: Theme): ChartSpec | undef
         : []),
     ],
     xLabel: timeLabel,
-    yLabel: axisLabel("root mean square", scale.units),
+    yLabel: axisLabel("RMS", scale.units),
     height: 210,
   };
 }

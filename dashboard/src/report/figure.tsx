@@ -11,6 +11,8 @@ import { meshReadout, meshSvg, meshView, type MeshSpec } from "./mesh_svg";
 import { SvgContext } from "./svg_context";
 
 const drawnWidth = 440;
+/** Paper is dear: plots are that much lower on it. */
+const paperHeight = 0.8;
 
 /** Drawings one below the other. */
 function stacked(drawings: readonly string[]): string {
@@ -150,7 +152,9 @@ const nothing = (): void => {};
 function Paper({ content, theme }: { content: Content; theme: Theme }) {
   const [drawing, setDrawing] = useState("");
   useEffect(() => {
-    const draw = (): void => setDrawing(contentSvg(content, theme));
+    const low = (spec: ChartSpec): ChartSpec => ({ ...spec, height: paperHeight * (spec.height ?? 210) });
+    const shown = "charts" in content ? { charts: content.charts.map(low) } : content;
+    const draw = (): void => setDrawing(contentSvg(shown, theme));
     const timer = setTimeout(draw, 300);
     addEventListener("beforeprint", draw);
     return () => {

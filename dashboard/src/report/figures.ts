@@ -1,4 +1,5 @@
 /** Which drawing a place on the page is for: the names that the program writes into `data-figure`. Pure. */
+import type { ChartSpec } from "../chart";
 import type { Theme } from "../colour";
 import { significant } from "../format";
 import { timeline } from "../history";
@@ -38,6 +39,19 @@ function deformed(s: Specimen, f: Field): { x: number[]; y: number[] } {
   return { x: f.x.map((v) => v * by), y: f.y.map((v) => v * by) };
 }
 
+/** Sensors move with what is drawn: each as the node nearest to it. */
+function moved(sensors: MeshSensor[], s: Specimen, shift: { x: number[]; y: number[] }): MeshSensor[] {
+  return sensors.map((sensor) => {
+    let best = 0;
+    let least = Infinity;
+    s.points.forEach(([x, y], i) => {
+      const distance = Math.hypot(x - sensor.x, y - sensor.y);
+      if (distance < least) [best, least] = [i, distance];
+    });
+    return { ...sensor, shift: [shift.x[best] ?? 0, shift.y[best] ?? 0] };
+  });
+}
+
 function sensorsOf(r: Assimilation, marks: (i: number) => Partial<MeshSensor>, component = ""): MeshSensor[] {
   const { sensors } = r;
   if (!sensors) return [];
@@ -74,6 +88,7 @@ function specimen(r: Assimilation, chosen: number): Content | undefined {
   if (!field) return { mesh: { title: "Specimen", points: s.points, cells: s.cells, label: "", units: "m", sensors } };
   const by = exaggeration(s, field);
   const value = field.x.map((x, i) => Math.hypot(x, field.y[i]!));
+  const shift = deformed(s, field);
   return {
     mesh: {
       title: "Specimen and sensors",
@@ -81,10 +96,10 @@ function specimen(r: Assimilation, chosen: number): Content | undefined {
       cells: s.cells,
       value,
       range: [0, value.reduce((a, b) => Math.max(a, b), 0) || 1],
-      shift: deformed(s, field),
+      shift,
       label: `displacement${by > 1 ? `, drawn ${significant(by, 2)} × larger` : ""}, t = ${significant(field.time ?? time)}`,
       units: "m",
-      sensors,
+      sensors: moved(sensors, s, shift),
     },
   };
 }
@@ -118,6 +133,34 @@ function shape(s: Specimen | undefined, f: Field | undefined, label: string, uni
       units,
       signed: true,
     },
+  };
+}
+
+/** The published approximation of a crack length (Eq. 33), where it agrees. */
+function withPublished(spec: ChartSpec, r: Assimilation, name: string, theme: Theme): ChartSpec {
+  type Published = { values: number[]; agrees?: boolean } | undefined;
+  const published = r.lines.map((l) => (l.forecast[name] as { published?: Published } | undefined)?.published);
+  if (!published.some((p) => p && p.agrees !== false)) return spec;
+  const byTime = new Map(r.lines.map((l, i) => [l.time, published[i]]));
+  const edge = (at: number): (number | null)[] =>
+    spec.times.map((t) => {
+      const p = byTime.get(t);
+      return p && p.agrees !== false ? (p.values.at(at) ?? null) : null;
+    });
+  const look = {
+    colour: theme.blue,
+    width: 1.3,
+    dash: [5, 3],
+    ...(spec.series[0]?.format ? { format: spec.series[0].format } : {}),
+  };
+  const label = "95 %, Gaussian approximation (paper, Eq. 33)";
+  return {
+    ...spec,
+    series: [
+      ...spec.series,
+      { ...look, label, values: edge(-1) },
+      { ...look, label: `${label}, low`, values: edge(0), bare: true },
+    ],
   };
 }
 
@@ -175,7 +218,13 @@ function assimilation(r: Assimilation, name: string, of: string, theme: Theme, c
           };
     }
     case "forecast":
-      return q && charts(forecastSpec(base, q), q.threshold === undefined ? undefined : probabilitySpec(base, q));
+      return (
+        q &&
+        charts(
+          withPublished(forecastSpec(base, q), r, q.name, theme),
+          q.threshold === undefined ? undefined : probabilitySpec(base, q),
+        )
+      );
     case "forecast_density":
       return q && charts(forecastDensitySpec(r, q, chosen, theme));
     case "information":

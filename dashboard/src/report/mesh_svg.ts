@@ -30,6 +30,8 @@ export interface MeshSensor {
   /** Coloured where given. */
   value?: number;
   component?: string;
+  /** Moved with the structure, m. */
+  shift?: [number, number];
 }
 
 export interface MeshView {
@@ -121,7 +123,7 @@ function cellSvg(
 }
 
 function sensorSvg(s: MeshSensor, view: MeshView, colour: (v: number) => string, theme: Theme): string {
-  const [x, y] = [view.toX(s.x), view.toY(s.y)];
+  const [x, y] = [view.toX(s.x + (s.shift?.[0] ?? 0)), view.toY(s.y + (s.shift?.[1] ?? 0))];
   const fill = s.value === undefined ? theme.panel : colour(s.value);
   // The direction that is measured: a tick through the mark.
   const d =
@@ -190,13 +192,13 @@ export function meshReadout(spec: MeshSpec, x: number, y: number): string {
   const place = (a: number, b: number): string => `(${significant(1e3 * a)}, ${significant(1e3 * b)}) mm`;
   const view = meshView(spec);
   const close = 8 / Math.abs(view.toX(1) - view.toX(0));
-  const [sensor, away] = nearest(spec.sensors ?? [], (s) => [s.x, s.y]);
+  const [sensor, away] = nearest(spec.sensors ?? [], (s) => [s.x + (s.shift?.[0] ?? 0), s.y + (s.shift?.[1] ?? 0)]);
   const [low, high] = rangeOfMesh(spec);
   const scale = scaleFor(spec.units, Math.max(Math.abs(low), Math.abs(high)));
   const number = (v: number): string => `${significant(v * scale.factor, 4)}${scale.units ? ` ${scale.units}` : ""}`;
   if (sensor && away < close)
     return `${sensor.words ?? "sensor"} at ${place(sensor.x, sensor.y)}${sensor.value === undefined ? "" : `: ${number(sensor.value)}`}`;
-  const [node, far, index] = nearest(spec.points, (p) => p);
+  const [node, far, index] = nearest(spec.points, ([a, b]) => [a, b]);
   const value = spec.value?.[index];
   return node && value !== undefined && far < 6 * close ? `${place(node[0], node[1])}: ${number(value)}` : "";
 }

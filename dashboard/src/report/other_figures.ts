@@ -23,7 +23,7 @@ const transposed = (columns: readonly (readonly number[])[]): number[][] =>
 function orders(c: InferenceContent, of: string, theme: Theme): Content | undefined {
   const diagnostic = c.figures.diagnostic_by_order ?? [];
   const times = diagnostic.map((_, i) => i + 1);
-  const shared = { times, xLabel: "order of the map", height: 230, sync: "" };
+  const shared = { times, xLabel: "order of the map", height: 230, sync: "", counts: true };
   if (of === "objective") {
     const objective = c.figures.objective_by_order?.slice(0, times.length);
     if (!objective) return undefined;
@@ -141,6 +141,7 @@ export function selection(r: Selection, name: string, of: string, theme: Theme):
       ...joined(x, y, look),
       name: `selection ${r.parameters[k]}`,
       xLabel: "number of dofs",
+      counts: true,
       yLabel: `posterior std of ${r.parameters[k]} [–]`,
       logarithmic: true,
       ticks: decade,

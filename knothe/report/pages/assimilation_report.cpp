@@ -48,10 +48,10 @@ void add_result(Page& page, const record::Results& results) {
 void add_first_screen(Page& page, const record::Results& results, const nlohmann::ordered_json& record) {
   std::vector<FigurePlace> figures;
   if (record.contains("specimen") || record.contains("sensors"))
-    figures.push_back({"specimen", "The specimen and its sensors, in the shape of the posterior mean"});
+    figures.push_back({"specimen", "Specimen and sensors, shape of the posterior mean"});
   if (record.contains("measured"))
-    figures.push_back({"measured:0", "Measured and predicted: " + measured_title(record, 0)});
-  if (record.contains("load")) figures.push_back({"load", "Load over displacement, by the last posterior"});
+    figures.push_back({"measured:0", "Measured, predicted: " + measured_title(record, 0)});
+  if (record.contains("load")) figures.push_back({"load", "Load over displacement, last posterior"});
   page.figures(figures);
   page.tables(headline(results));
   page.note(
@@ -64,12 +64,13 @@ void add_parameters(Page& page, const record::Results& results) {
   bool any = false;
   for (const auto& s : results.steps) any = any || !s.marginals.empty();
   std::vector<FigurePlace> figures;
-  for (std::size_t d = 0; d < results.parameters.size(); ++d) {
-    const std::string name = pretty_name(results.parameters[d].name);
-    if (any)
-      figures.push_back({fmt::format("marginal:{}", d), fmt::format("Posterior of {}, step by step", name)});
-    figures.push_back({fmt::format("parameter:{}", d), fmt::format("{} as the data come in", name)});
-  }
+  const auto add_each = [&](const char* kind, const char* title) {
+    for (std::size_t d = 0; d < results.parameters.size(); ++d)
+      figures.push_back({fmt::format("{}:{}", kind, d),
+                         fmt::format(fmt::runtime(title), pretty_name(results.parameters[d].name))});
+  };
+  if (any) add_each("marginal", "Posterior of {}, step by step");
+  add_each("parameter", "{} as the data come in");
   if (results.parameters.size() > 1 && !results.draws.empty())
     figures.push_back({"pairs", "Draws of the last posterior, pair by pair"});
   page.figures(figures,
@@ -100,9 +101,9 @@ void add_forecasts(Page& page, const record::Results& results) {
   std::vector<FigurePlace> figures;
   for (const auto& name : names) {
     const std::string title = forecast_scale(results, name).title;
-    figures.push_back({"forecast:" + name, fmt::format("{} ({}), as the data come in", title, name)});
+    figures.push_back({"forecast:" + name, title + ", as the data come in"});
     if (!last.at(name).density.empty())
-      figures.push_back({"forecast_density:" + name, fmt::format("{} ({}): densities", title, name)});
+      figures.push_back({"forecast_density:" + name, title + ": densities"});
   }
   page.figures(figures, "What the posterior after each step predicts for the horizon.");
   for (const auto& name : names)

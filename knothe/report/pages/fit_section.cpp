@@ -51,8 +51,7 @@ void add_residuals(Page& page, const record::Results& results, const nlohmann::o
                        fmt::format("u_{}: mean residual of the last {} steps", c, r.averaged)});
   const std::size_t signals = record.contains("measured") ? record.at("measured").size() : 0;
   for (std::size_t k = 1; k < std::min(signals, k_max_signals); ++k)
-    figures.push_back(
-        {fmt::format("measured:{}", k), "Measured and predicted: " + measured_title(record, k)});
+    figures.push_back({fmt::format("measured:{}", k), "Measured, predicted: " + measured_title(record, k)});
   page.figures(figures,
                "Residual: measured minus predicted, in standard deviations of the prediction with its noise. "
                "If only noise is left, the dots have no trend, 95 % of them lie within ±2, their quantiles "

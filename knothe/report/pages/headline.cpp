@@ -20,9 +20,9 @@ std::string duration(double us) {
 
 std::string percent(double probability) {
   // Of samples: all of them above does not mean certainty.
-  if (probability < 0.001) return "less than 0.1 %";
-  if (probability > 0.999) return "more than 99.9 %";
-  return record::readable(100.0 * probability, probability > 0.1 ? 3 : 2) + " %";
+  if (probability < 0.001) return "< 0.1 %";
+  if (probability > 0.999) return "> 99.9 %";
+  return "= " + record::readable(100.0 * probability, probability > 0.1 ? 3 : 2) + " %";
 }
 
 std::string with_unit(const std::string& number, const std::string& unit) {
@@ -74,8 +74,7 @@ TableRow forecast_row(const record::Results& results, const std::string& name) {
   const record::StepForecast& f = results.steps.back().forecast.at(name);
   const ForecastScale scale = forecast_scale(results, name);
   const double std = scale.factor * f.std;
-  TableRow row{{fmt::format("{}: {}", name, scale.title),
-                with_unit(record::with_uncertainty(scale.factor * f.mean, std), scale.unit)}};
+  TableRow row{{scale.title, with_unit(record::with_uncertainty(scale.factor * f.mean, std), scale.unit)}};
   row.expired = f.is_past;
   row.cells.push_back(f.values.empty() ? std::string()
                                        : with_unit(interval(scale.factor * f.values.front(),
@@ -83,11 +82,13 @@ TableRow forecast_row(const record::Results& results, const std::string& name) {
                                                    scale.unit));
   const auto summary = results.forecasts.find(name);
   std::string remark;
-  if (summary != results.forecasts.end() && summary->second.threshold)
-    remark = fmt::format("above {} with probability {}, below with {}",
-                         with_unit(record::plain(scale.factor * *summary->second.threshold), scale.unit),
-                         percent(f.probability_above_threshold), percent(1 - f.probability_above_threshold));
-  if (f.is_past) remark += (remark.empty() ? "" : "; ") + std::string("already past: an estimate");
+  if (summary != results.forecasts.end() && summary->second.threshold) {
+    const std::string number = record::plain(scale.factor * *summary->second.threshold);
+    const std::string threshold = scale.unit.empty() ? number : number + "\u00a0" + scale.unit;
+    remark = fmt::format("P(> {0}) {1}, P(< {0}) {2}", threshold, percent(f.probability_above_threshold),
+                         percent(1 - f.probability_above_threshold));
+  }
+  if (f.is_past) remark += (remark.empty() ? "" : "; ") + std::string("past: an estimate");
   row.cells.push_back(remark);
   return row;
 }

@@ -2,6 +2,7 @@
 
 #include <fmt/core.h>
 
+#include <algorithm>
 #include <string_view>
 
 #include "knothe/base/text.hpp"
@@ -121,7 +122,9 @@ std::string Page::html(const nlohmann::ordered_json& record) const {
     body +=
         "<p class=\"note scriptless\">Figures need JavaScript; the result, the numbers and the tables "
         "do not.</p>\n";
-  body += body_ + "<nav>" + links + "</nav>\n</main>";
+  // Where to go on is said behind the first screen.
+  const std::size_t first = std::min(body_.find("<h2"), body_.size());
+  body += body_.substr(0, first) + "<nav>" + links + "</nav>\n" + body_.substr(first) + "</main>";
   // What ends a script element, or opens a comment in it, is written otherwise.
   std::string json = files::json_line(record);
   for (std::size_t at = json.find('<'); at != std::string::npos; at = json.find('<', at + 1))
