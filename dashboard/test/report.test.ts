@@ -8,6 +8,7 @@ import type { Content } from "../src/report/content";
 import { normalQuantile } from "../src/report/curves";
 import { contentSvg, contentTable } from "../src/report/figure";
 import { contentOf } from "../src/report/figures";
+import { elongations, locate } from "../src/report/maps";
 import { meshReadout, meshSvg, rangeOfMesh } from "../src/report/mesh_svg";
 import { modelOf, prettyUnits, quantilesOf, type Report } from "../src/report/record";
 import { record } from "./report_record";
@@ -111,6 +112,32 @@ const curves = {
   ],
 };
 
+/** A square of two by one elements of 10 px, stretched by 1 % to the right in the second picture. */
+const grid: [number, number][] = [
+  [0, 0],
+  [10, 0],
+  [20, 0],
+  [0, 10],
+  [10, 10],
+  [20, 10],
+];
+const maps = {
+  kind: "maps" as const,
+  unit: "px",
+  labels: ["u, to the right", "v, down"] as [string, string],
+  up: -1,
+  points: grid,
+  cells: [
+    [0, 1, 4, 3],
+    [1, 2, 5, 4],
+  ],
+  pictures: [
+    { name: "a.pgm", time: 0.5, u: grid.map(() => 0.3), v: grid.map(() => -0.2), out: [], noise: 0.01 },
+    { name: "b.pgm", time: 1, u: grid.map(([x]) => 0.01 * x), v: grid.map(([, y]) => 0.002 * y), out: [], noise: 0.01 },
+    { name: "c.pgm", time: 2, u: [], v: [], out: [0, 1], noise: 0 },
+  ],
+};
+
 const all: [Report, string[]][] = [
   [
     whole,
@@ -122,12 +149,13 @@ const all: [Report, string[]][] = [
   [comparison, ["marginal:1"]],
   [selection, ["curve:0", "field:0"]],
   [curves, ["curves:0"]],
+  [maps, ["map:u", "map:v", "slice", "extensometer"]],
 ];
 
 test("every figure has axes with units, a legend, and a drawing that is sound", () => {
   for (const [report, figures] of all)
     for (const figure of figures) {
-      const found = content(figure, report);
+      const found = content(figure, report, report.kind === "maps" ? 1 : last);
       const drawing = contentSvg(found, light);
       assert.doesNotMatch(drawing, /NaN|Infinity|undefined/, figure);
       // Every element is closed in order.
@@ -303,6 +331,35 @@ test("selection: from the prior down, each curve over its own numbers", () => {
   const plain = chart("curves:0", curves);
   assert.deepEqual(plain.series[0]!.values, [0, undefined, 2]);
   assert.deepEqual(plain.series[1]!.values, [0, 1, 3]);
+});
+
+test("a line on a map: values along it, and how much longer it becomes", () => {
+  // A shift makes nothing longer; a strain of 1 % makes 15 px longer by 0.15 px.
+  const along = elongations(maps, [2, 5, 17, 5]);
+  near(along[0], 0, 1e-12);
+  near(along[1], 0.15, 1e-9);
+  assert.equal(along[2], null);
+  // Upwards: v is down, y up.
+  near(elongations(maps, [5, 1, 5, 9])[1], -0.016, 1e-9);
+  assert.equal(elongations(maps, [-5, 5, 15, 5])[1], null);
+  const place = locate(maps, 12, 7)!;
+  assert.equal(place.cell, 1);
+  near(
+    place.weights.reduce((sum, w, k) => sum + w * grid[place.nodes[k]!]![0], 0),
+    12,
+    1e-12,
+  );
+  const found = contentOf(maps, "slice", light, 1, [0, 5, 20, 5]);
+  assert.ok(found && "charts" in found);
+  const [low, high, u] = found.charts[0]!.series;
+  found.charts[0]!.times.forEach((x, i) => {
+    near(u!.values[i], 0.01 * x, 1e-9);
+    near(high!.values[i]! - low!.values[i]!, 0.04, 1e-9);
+  });
+  assert.equal(contentOf(maps, "map:u", light, 2)!.hasOwnProperty("mesh"), true);
+  const drawn = contentSvg(content("map:u", maps, 1), light);
+  assert.match(drawn, /class="probe"/);
+  assert.match(drawn, /class="noise"/);
 });
 
 test("the model of the live page is made from the summary", () => {

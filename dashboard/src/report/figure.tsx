@@ -1,5 +1,5 @@
 /** A figure of a report: drawn, explored with the cursor, taken away as SVG, PNG or CSV. */
-import { useEffect, useMemo, useState } from "preact/hooks";
+import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { Chart, Legend, type ChartSpec } from "../chart";
 import type { Theme } from "../colour";
 import { csv, type Cell } from "../csv";
@@ -8,6 +8,7 @@ import { blobOf, save, saveText } from "../png";
 import { chartSvg } from "./chart_svg";
 import type { Content, Pairs } from "./content";
 import { meshReadout, meshSvg, meshView, type MeshSpec } from "./mesh_svg";
+import type { Probe } from "./record";
 import { SvgContext } from "./svg_context";
 
 const drawnWidth = 440;
@@ -95,9 +96,11 @@ interface Props {
   /** Time of the step that is looked at. */
   selected: number | undefined;
   onSelect: (time: number) => void;
+  /** Somebody drew a line on a map. */
+  onProbe: (probe: Probe) => void;
 }
 
-export function Figure({ content, theme, paper, name, selected, onSelect }: Props) {
+export function Figure({ content, theme, paper, name, selected, onSelect, onProbe }: Props) {
   if (!content) return <p class="none">Nothing to draw here.</p>;
   return (
     <>
@@ -136,7 +139,7 @@ export function Figure({ content, theme, paper, name, selected, onSelect }: Prop
             />
           ))
         ) : "mesh" in content ? (
-          <Mesh spec={content.mesh} theme={theme} />
+          <Mesh spec={content.mesh} theme={theme} onProbe={onProbe} />
         ) : (
           <PairsView {...content} theme={theme} />
         )}
@@ -165,23 +168,31 @@ function Paper({ content, theme }: { content: Content; theme: Theme }) {
   return <div class="paper" aria-hidden="true" dangerouslySetInnerHTML={{ __html: drawing }} />;
 }
 
-function Mesh({ spec, theme }: { spec: MeshSpec; theme: Theme }) {
+function Mesh({ spec, theme, onProbe }: { spec: MeshSpec; theme: Theme; onProbe: (probe: Probe) => void }) {
   const [readout, setReadout] = useState("");
+  const begun = useRef<[number, number] | undefined>(undefined);
   const drawing = useMemo(() => meshSvg(spec, theme, drawnWidth), [spec, theme]);
-  const move = (event: PointerEvent): void => {
+  const at = (event: PointerEvent): [number, number] => {
     const box = (event.currentTarget as HTMLElement).getBoundingClientRect();
     const view = meshView(spec, drawnWidth);
     // The drawing is as large as fits, in the middle.
     const scale = Math.max(drawnWidth / box.width, view.height / box.height);
     const left = box.left + (box.width - drawnWidth / scale) / 2;
-    setReadout(meshReadout(spec, ...view.from((event.clientX - left) * scale, (event.clientY - box.top) * scale)));
+    return view.from((event.clientX - left) * scale, (event.clientY - box.top) * scale);
+  };
+  const end = (event: PointerEvent): void => {
+    const from = begun.current;
+    const to = at(event);
+    begun.current = undefined;
+    if (from && (from[0] !== to[0] || from[1] !== to[1])) onProbe([...from, ...to]);
   };
   return (
     <>
       <div
-        class="mesh"
-        onPointerMove={move}
+        class={`mesh ${spec.probe ? "probed" : ""}`}
+        onPointerMove={(e) => setReadout(meshReadout(spec, ...at(e)))}
         onPointerLeave={() => setReadout("")}
+        {...(spec.probe ? { onPointerDown: (e: PointerEvent) => void (begun.current = at(e)), onPointerUp: end } : {})}
         dangerouslySetInnerHTML={{ __html: drawing }}
       />
       <p class="readout">{readout}</p>

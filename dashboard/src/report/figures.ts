@@ -20,9 +20,10 @@ import {
   residualSpec,
 } from "./curves";
 import { forecastDensitySpec, marginalSpec } from "./densities";
+import { firstProbe, mapsContent } from "./maps";
 import type { MeshSensor } from "./mesh_svg";
 import { comparison, inference, plain, selection } from "./other_figures";
-import { modelOf, pretty, type Assimilation, type Field, type Report, type Specimen } from "./record";
+import { modelOf, pretty, type Assimilation, type Field, type Probe, type Report, type Specimen } from "./record";
 
 /** Drawn displacements are exaggerated so that the largest is 3 % of the structure's length. */
 const drawnSize = 0.03;
@@ -254,7 +255,13 @@ function assimilation(r: Assimilation, name: string, of: string, theme: Theme, c
 }
 
 /** `chosen`: index of the step that is looked at. */
-export function contentOf(report: Report, figure: string, theme: Theme, chosen: number): Content | undefined {
+export function contentOf(
+  report: Report,
+  figure: string,
+  theme: Theme,
+  chosen: number,
+  probe?: Probe,
+): Content | undefined {
   const [name = "", of = ""] = figure.split(/:(.*)/s);
   switch (report.kind) {
     case "assimilation":
@@ -267,5 +274,7 @@ export function contentOf(report: Report, figure: string, theme: Theme, chosen: 
       return selection(report, name, of, theme);
     case "curves":
       return plain(report, of, theme);
+    case "maps":
+      return mapsContent(report, name, of, theme, chosen, probe ?? firstProbe(report));
   }
 }

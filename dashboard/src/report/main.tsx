@@ -8,15 +8,18 @@ import { saveText } from "../png";
 import { useTheme } from "../theme";
 import { Figure } from "./figure";
 import { contentOf } from "./figures";
-import type { Report } from "./record";
+import { framesOf, type Probe, type Report } from "./record";
 
 const report = JSON.parse(document.getElementById("record")!.textContent!) as Report;
 const lines = report.kind === "assimilation" ? report.lines : [];
+const frames = framesOf(report);
+const last = frames.length - 1;
 
 interface Look {
   dark: boolean;
-  /** Index of the step. */
+  /** Index of the step, or of the picture. */
   chosen: number;
+  probe: Probe | undefined;
 }
 
 interface Place {
@@ -28,8 +31,9 @@ interface Place {
   seen: boolean;
 }
 
-let look: Look = { dark: false, chosen: lines.length - 1 };
+let look: Look = { dark: false, chosen: last, probe: undefined };
 let choose: (index: number) => void = () => {};
+let probed: (probe: Probe) => void = () => {};
 
 const places = [...document.querySelectorAll<HTMLElement>("figure[data-figure]")].map((figure): Place => {
   const element = document.createElement("div");
@@ -45,18 +49,19 @@ function draw(place: Place): void {
   const theme = themeOf(look.dark);
   render(
     <Figure
-      content={contentOf(report, place.id, theme, look.chosen)}
+      content={contentOf(report, place.id, theme, look.chosen, look.probe)}
       theme={theme}
       paper={themeOf(false)}
       name={place.name}
-      selected={lines[look.chosen]?.time}
+      selected={frames[look.chosen]?.time}
       onSelect={(time) => {
         let best = 0;
-        lines.forEach((l, i) => {
-          if (Math.abs(l.time - time) < Math.abs(lines[best]!.time - time)) best = i;
+        frames.forEach((f, i) => {
+          if (Math.abs(f.time - time) < Math.abs(frames[best]!.time - time)) best = i;
         });
         choose(best);
       }}
+      onProbe={(probe) => probed(probe)}
     />,
     place.element,
   );
@@ -69,26 +74,29 @@ function update(next: Look): void {
 
 function Controls() {
   const [choice, dark, nextTheme] = useTheme();
-  const [chosen, setChosen] = useState(lines.length - 1);
+  const [chosen, setChosen] = useState(last);
+  const [probe, setProbe] = useState<Probe>();
   choose = setChosen;
-  useEffect(() => update({ dark, chosen }), [dark, chosen]);
+  probed = setProbe;
+  useEffect(() => update({ dark, chosen, probe }), [dark, chosen, probe]);
   const line = lines[chosen];
+  const frame = frames[chosen];
   return (
     <>
-      {line && lines.length > 1 && (
+      {frame && frames.length > 1 && (
         <label class="steps">
-          Step{" "}
+          {lines.length ? "Step" : "Picture"}{" "}
           <input
             type="range"
             min={0}
-            max={lines.length - 1}
+            max={last}
             value={chosen}
-            aria-valuetext={`step ${line.step}`}
+            aria-valuetext={frame.label}
             onInput={(e) => setChosen(Number(e.currentTarget.value))}
           />
           <span>
-            {line.step}, t = {given(line.time)}
-            {chosen === lines.length - 1 ? " (last)" : ""}
+            {frame.label}, t = {given(frame.time)}
+            {chosen === last ? " (last)" : ""}
           </span>
         </label>
       )}

@@ -18,8 +18,10 @@ export interface MeshSpec {
   /** In `units` of SI; those of the values where left out. */
   range?: [number, number];
   sensors?: readonly MeshSensor[];
-  /** What the marks are. */
-  sensorLabel?: string;
+  /** Standard deviation of the values: what is less is not to be seen. */
+  noise?: number;
+  /** A line that is drawn on it: from, to. */
+  probe?: readonly [number, number, number, number];
 }
 
 export interface MeshSensor {
@@ -150,6 +152,16 @@ export function meshSvg(spec: MeshSpec, theme: Theme, width = 520): string {
   const sensors = (spec.sensors ?? []).map((s) => sensorSvg(s, view, colour, theme)).join("");
   const foot = view.height - 38;
   let bar = "";
+  let line = "";
+  if (spec.probe) {
+    const [x0, y0, x1, y1] = spec.probe;
+    const d = `M${view.toX(x0).toFixed(1)} ${view.toY(y0).toFixed(1)}L${view.toX(x1).toFixed(1)} ${view.toY(y1).toFixed(1)}`;
+    for (const [stroke, wide] of [
+      [theme.panel, 4],
+      [theme.text, 1.6],
+    ] as const)
+      line += tag("path", { class: "probe", d, stroke, "stroke-width": wide });
+  }
   if (spec.value || spec.sensors?.some((s) => s.value !== undefined)) {
     const scale = scaleFor(spec.units, Math.max(Math.abs(low), Math.abs(high)));
     const [from, wide] = [width / 2 - 130, 260];
@@ -161,6 +173,17 @@ export function meshSvg(spec: MeshSpec, theme: Theme, width = 520): string {
         height: 10,
         fill: colour(low + ((high - low) * (k + 0.5)) / colours),
       });
+    if (spec.noise) {
+      // What lies within twice the noise of 0.
+      const at = (v: number): number => from + wide * Math.min(1, Math.max(0, (v - low) / (high - low)));
+      const [left, right] = [at(-2 * spec.noise), at(2 * spec.noise)];
+      bar += tag("path", {
+        class: "noise",
+        d: `M${left.toFixed(1)} ${foot - 3}V${foot + 13}M${right.toFixed(1)} ${foot - 3}V${foot + 13}`,
+        stroke: theme.text,
+        "stroke-width": 1.4,
+      });
+    }
     bar += text(from - 6, foot + 9, significant(low * scale.factor), theme.text, { "text-anchor": "end" });
     bar += text(
       from + wide + 6,
@@ -168,11 +191,17 @@ export function meshSvg(spec: MeshSpec, theme: Theme, width = 520): string {
       `${significant(high * scale.factor)}${scale.units ? ` ${scale.units}` : ""}`,
       theme.text,
     );
-    bar += text(width / 2, foot + 25, spec.label + (scale.units ? ` [${scale.units}]` : ""), theme.faint, {
-      "text-anchor": "middle",
-    });
+    bar += text(
+      width / 2,
+      foot + 25,
+      `${spec.label}${scale.units ? ` [${scale.units}]` : ""}${spec.noise ? `; bars: ± 2 × noise ${significant(spec.noise * scale.factor, 2)}` : ""}`,
+      theme.faint,
+      {
+        "text-anchor": "middle",
+      },
+    );
   } else if (spec.label) bar = text(width / 2, foot + 14, spec.label, theme.faint, { "text-anchor": "middle" });
-  return svg(width, view.height, theme, spec.title, cells + sensors + bar);
+  return svg(width, view.height, theme, spec.title, cells + sensors + line + bar);
 }
 
 /** What is under the cursor: the sensor there, else the nearest node with its value. */
@@ -189,7 +218,9 @@ export function meshReadout(spec: MeshSpec, x: number, y: number): string {
     });
     return best;
   };
-  const place = (a: number, b: number): string => `(${significant(1e3 * a)}, ${significant(1e3 * b)}) mm`;
+  const length = spec.units === "px" ? { factor: 1, units: "px" } : { factor: 1e3, units: "mm" };
+  const place = (a: number, b: number): string =>
+    `(${significant(length.factor * a)}, ${significant(length.factor * b)}) ${length.units}`;
   const view = meshView(spec);
   const close = 8 / Math.abs(view.toX(1) - view.toX(0));
   const [sensor, away] = nearest(spec.sensors ?? [], (s) => [s.x + (s.shift?.[0] ?? 0), s.y + (s.shift?.[1] ?? 0)]);

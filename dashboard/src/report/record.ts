@@ -159,7 +159,30 @@ export interface Plain {
   figures: { x: number[][]; y: number[][]; labels: string[]; xLabel: string; yLabel: string }[];
 }
 
-export type Report = Assimilation | Inference | Comparison | Selection | Plain;
+/** Displacements from pictures, in `unit`. */
+export interface Maps {
+  kind: "maps";
+  unit: string;
+  /** What u and v are called. */
+  labels: [string, string];
+  /** 1: v is upwards; −1: down. */
+  up: number;
+  points: [number, number][];
+  cells: number[][];
+  /** `out`: elements without a measurement; u and v are empty where nothing was measured. */
+  pictures: { name: string; time: number; u: number[]; v: number[]; out: number[]; noise: number }[];
+}
+
+/** A line that somebody drew on a map: from, to. */
+export type Probe = [number, number, number, number];
+
+export type Report = Assimilation | Inference | Comparison | Selection | Plain | Maps;
+
+/** What the slider moves through. */
+export function framesOf(report: Report): { label: string; time: number }[] {
+  if (report.kind === "assimilation") return report.lines.map((l) => ({ label: String(l.step), time: l.time }));
+  return report.kind === "maps" ? report.pictures.map((p) => ({ label: p.name, time: p.time })) : [];
+}
 
 /** "Y0" → "Y₀". */
 export function pretty(name: string): string {

@@ -48,7 +48,7 @@ TEST(AssimilationReport, ShowsEverySection) {
     EXPECT_NE(html.find(std::string(">") + heading + "</h2>"), std::string::npos) << heading;
   EXPECT_NE(html.find("99 of 100 steps"), std::string::npos);
   EXPECT_NE(html.find("not trusted: 22"), std::string::npos);
-  EXPECT_NE(html.find("0.6 σ from the true value 1"), std::string::npos);
+  EXPECT_NE(html.find("1, 0.6 σ away"), std::string::npos);
   EXPECT_NE(html.find("Equivalent elastic crack length at time 0.3"), std::string::npos);
   EXPECT_NE(html.find("37.2 mm (mean), 37.6 mm"), std::string::npos);
   EXPECT_NE(html.find("the order no longer helps"), std::string::npos);

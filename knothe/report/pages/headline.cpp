@@ -63,9 +63,9 @@ TableRow parameter_row(const record::Results& results, std::size_t d) {
                                               units));
   if (p.truth) {
     const double distance = std > 0 ? std::abs(last.mean[d] - *p.truth) / std : 0.0;
-    row.cells.push_back(fmt::format("{:.1f} σ from the true value {}", distance, record::plain(*p.truth)));
+    row.cells.push_back(fmt::format("{}, {:.1f} σ away", record::plain(*p.truth), distance));
   } else {
-    row.cells.push_back(fmt::format("most probable: {}", to_decimals(last.maximum_a_posteriori[d], std)));
+    row.cells.push_back(to_decimals(last.maximum_a_posteriori[d], std));
   }
   return row;
 }
@@ -113,7 +113,13 @@ std::string update_times(const record::Results& results, double record::Step::*t
 
 std::vector<Table> headline(const record::Results& results) {
   const bool demoted = results.judged && results.verdict.level != assimilation::VerdictLevel::ok;
-  Table parameters{"Parameters", {"parameter", "estimate", "95 % between", "in its unit", ""}, {}, demoted};
+  const bool has_truth = std::any_of(results.parameters.begin(), results.parameters.end(),
+                                     [](const record::ParameterSummary& p) { return p.truth.has_value(); });
+  Table parameters{
+      "Parameters",
+      {"parameter", "estimate", "95 % between", "in its unit", has_truth ? "true value" : "most probable"},
+      {},
+      demoted};
   for (std::size_t d = 0; d < results.parameters.size(); ++d)
     parameters.rows.push_back(parameter_row(results, d));
   std::vector<Table> tables = {std::move(parameters)};

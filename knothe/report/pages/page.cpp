@@ -105,6 +105,12 @@ Page& Page::table(const std::vector<std::string>& header, const std::vector<Tabl
   return *this;
 }
 
+Page& Page::image(const std::string& file, const std::string& words) {
+  body_ += fmt::format("<p><img loading=\"lazy\" src=\"{}\" alt=\"{}\"/></p>\n", escape_xml(file),
+                       escape_xml(words));
+  return *this;
+}
+
 Page& Page::details(const std::string& heading, const std::string& text) {
   body_ += "<details><summary>" + escape_xml(heading) + "</summary><pre>" + escape_xml(text) +
            "</pre></details>\n";

@@ -45,6 +45,8 @@ class Page {
   /// Tables side by side.
   Page& tables(const std::vector<Table>& tables);
   Page& table(const std::vector<std::string>& header, const std::vector<TableRow>& rows);
+  /// A picture in a file beside the page.
+  Page& image(const std::string& file, const std::string& words);
   /// Preformatted text behind a heading that opens it.
   Page& details(const std::string& heading, const std::string& text);
 
