@@ -19,6 +19,7 @@ test.after(() => browser.close());
 async function open(report, look = {}) {
   const context = await browser.newContext({ viewport: screen, acceptDownloads: true, ...look });
   const page = await context.newPage();
+  page.setDefaultTimeout(120000); // on a busy machine
   const complaints = [];
   page.on("pageerror", (error) => complaints.push(String(error.stack)));
   page.on("console", (message) => complaints.push(`${message.type()}: ${message.text()}`));
