@@ -360,6 +360,10 @@ test("a line on a map: values along it, and how much longer it becomes", () => {
   const drawn = contentSvg(content("map:u", maps, 1), light);
   assert.match(drawn, /class="probe"/);
   assert.match(drawn, /class="noise"/);
+  // All to the right, from 0 on: the range is the field's own.
+  const shown = content("map:u", maps, 1);
+  assert.ok("mesh" in shown);
+  assert.deepEqual(rangeOfMesh(shown.mesh), [0, 0.2]);
 });
 
 test("the model of the live page is made from the summary", () => {

@@ -55,16 +55,18 @@ function map(r: Maps, component: Component, chosen: number, probe: Probe): Conte
   const p = r.pictures[chosen];
   if (!p) return undefined;
   const out = new Set(p.out);
-  const there = p[component].length > 0;
+  const values = p[component];
+  const there = values.length > 0;
   return {
     mesh: {
       title: `${r.labels[component === "u" ? 0 : 1]}, ${p.name}`,
       points: r.points,
       cells: r.cells.filter((_, e) => !out.has(e)),
-      ...(there ? { value: p[component] } : {}),
+      ...(there ? { value: values } : {}),
       label: `${r.labels[component === "u" ? 0 : 1]}, ${p.name}${there ? "" : ": not measured"}`,
       units: r.unit,
-      signed: true,
+      // A field that is of one sign is seen by its differences.
+      signed: values.some((v) => v < 0) && values.some((v) => v > 0),
       noise: p.noise,
       probe,
     },
