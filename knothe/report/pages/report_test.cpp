@@ -1,10 +1,8 @@
-// Text, ticks, colours, faces of meshes, pages.
-#include <gmock/gmock.h>
+// Text, colours, faces of meshes, pages.
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <limits>
-#include <set>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
@@ -19,22 +17,12 @@
 namespace knothe::report {
 namespace {
 
-using Texts = std::vector<std::string>;
 constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
 
 TEST(Text, EscapesWhatMeansSomethingInXml) {
   EXPECT_EQ(escape_xml("a<b & \"c\" > 'd'"), "a&lt;b &amp; &quot;c&quot; &gt; &#39;d&#39;");
   EXPECT_EQ(escape_xml(std::string("x\x01y\x1b\n")), "xy\n");
   EXPECT_EQ(escape_xml("σ ≤ 1 µm"), "σ ≤ 1 µm");
-}
-
-TEST(Text, CoordinatesAreShortAndFinite) {
-  EXPECT_EQ(record::coordinate(12.5), "12.5");
-  EXPECT_EQ(record::coordinate(100.0), "100");
-  EXPECT_EQ(record::coordinate(-0.001), "0");
-  EXPECT_EQ(record::coordinate(1.0 / 3), "0.33");
-  EXPECT_THROW((void)record::coordinate(k_nan), NumericalError);
-  EXPECT_THROW((void)record::coordinate(INFINITY), NumericalError);
 }
 
 TEST(Text, NumbersForPeople) {
@@ -53,43 +41,6 @@ TEST(Text, NumbersForPeople) {
   EXPECT_EQ(record::superscript(-12), "⁻¹²");
   EXPECT_THROW((void)record::readable(k_nan), NumericalError);
   EXPECT_THROW((void)record::with_uncertainty(1.0, k_nan), NumericalError);
-}
-
-TEST(Ticks, ExactCases) {
-  EXPECT_EQ(record::nice_ticks(0, 1, 5).labels, (Texts{"0.0", "0.2", "0.4", "0.6", "0.8", "1.0"}));
-  EXPECT_EQ(record::nice_ticks(0, 100, 5).labels, (Texts{"0", "20", "40", "60", "80", "100"}));
-  EXPECT_EQ(record::nice_ticks(-1, 1, 4).labels, (Texts{"−1.0", "−0.5", "0.0", "0.5", "1.0"}));
-  EXPECT_EQ(record::nice_ticks(0.5, 1.5, 5).labels, (Texts{"0.6", "0.8", "1.0", "1.2", "1.4"}));
-  EXPECT_EQ(record::nice_ticks(0, 0.00035, 4).labels, (Texts{"0.0000", "0.0001", "0.0002", "0.0003"}));
-  EXPECT_EQ(record::nice_ticks(3, 3).labels, (Texts{"3.00"}));
-  EXPECT_THROW((void)record::nice_ticks(1, 0), NumericalError);
-  EXPECT_THROW((void)record::nice_ticks(0, INFINITY), NumericalError);
-}
-
-TEST(Ticks, InsideTheRangeEvenlySpacedAndReasonablyMany) {
-  for (double low : {-3.7e4, -1.0, 0.0, 1e-9, 0.123, 998.5})
-    for (double span : {1e-8, 0.37, 1.0, 61.0, 1e7}) {
-      const record::Ticks ticks = record::nice_ticks(low, low + span, 5);
-      ASSERT_GE(ticks.values.size(), 2u);
-      ASSERT_LE(ticks.values.size(), 9u);
-      for (double v : ticks.values) {
-        EXPECT_GE(v, low - 1e-6 * span);
-        EXPECT_LE(v, low + span * (1 + 1e-6));
-      }
-      EXPECT_EQ(std::set<std::string>(ticks.labels.begin(), ticks.labels.end()).size(),
-                span > 1e-6 * std::abs(low)
-                    ? ticks.labels.size()
-                    : std::set<std::string>(ticks.labels.begin(), ticks.labels.end()).size());
-    }
-}
-
-TEST(Ticks, Decades) {
-  EXPECT_EQ(record::decade_ticks(1e-4, 1e-1).labels, (Texts{"10⁻⁴", "10⁻³", "10⁻²", "10⁻¹"}));
-  EXPECT_EQ(record::decade_ticks(0.5, 2e3).labels, (Texts{"1", "10", "100", "1000"}));
-  EXPECT_EQ(record::decade_ticks(200, 900, 4).labels,
-            record::nice_ticks(200, 900, 4).labels);  // less than a decade
-  EXPECT_LE(record::decade_ticks(1e-12, 1.0, 5).labels.size(), 5u);
-  EXPECT_THROW((void)record::decade_ticks(0, 1), NumericalError);
 }
 
 TEST(Colours, EndsOfTheMaps) {
