@@ -47,7 +47,7 @@ CLI::App& add_command(CLI::App& parent, MeshStudyArguments& arguments) {
   CLI::App& command = add_command(parent, "mesh-study",
                                   "Load, energy and crack length of the full-order model on several meshes, "
                                   "by damage law (runs knothe-offline).",
-                                  "knothe model mesh-study examples/beam/beam.toml -o mesh-study.svg");
+                                  "knothe model mesh-study examples/beam/beam.toml -o mesh-study.html");
   command.add_option("FILE", arguments.project, "project file with [offline]")->required();
   command.add_option("--elements", arguments.elements, "element sizes, m (default: 5e-3,2.5e-3,1.25e-3)")
       ->delimiter(',')
@@ -57,7 +57,7 @@ CLI::App& add_command(CLI::App& parent, MeshStudyArguments& arguments) {
       ->check(CLI::IsMember(words_of<project::DamageRegularisation>()));
   command.add_option("--steps", arguments.steps, "load steps (default: the project's)")
       ->check(positive_number());
-  command.add_option("-o,--output", arguments.output, "figure to write (.svg)");
+  command.add_option("-o,--output", arguments.output, "page of the curves to write (.html)");
   command.add_flag("--json", arguments.json, "JSON lines on stdout");
   return command;
 }

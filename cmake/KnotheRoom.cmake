@@ -28,6 +28,21 @@ function(knothe_test_program target label)
   endif()
 endfunction()
 
+# knothe_embed_page(FILE FUNCTION NAMESPACE VARIABLE OTHERWISE): a source that holds dashboard/dist/FILE, or the text OTHERWISE where that
+# was not built; its path is in VARIABLE.
+function(knothe_embed_page file name namespace variable otherwise)
+  set(page ${PROJECT_SOURCE_DIR}/dashboard/dist/${file})
+  set(out ${CMAKE_CURRENT_BINARY_DIR}/${name}.cpp)
+  set(dependency)
+  if(EXISTS ${page})
+    set(dependency ${page})
+  endif()
+  add_custom_command(OUTPUT ${out} DEPENDS ${dependency} ${PROJECT_SOURCE_DIR}/cmake/embed_page.cmake VERBATIM
+                     COMMAND ${CMAKE_COMMAND} -DPAGE=${page} -DNAME=${name} -DNAMESPACE=${namespace} "-DOTHERWISE=${otherwise}"
+                             -DOUT=${out} -P ${PROJECT_SOURCE_DIR}/cmake/embed_page.cmake)
+  set(${variable} ${out} PARENT_SCOPE)
+endfunction()
+
 # knothe_room(NAME SOURCES … TESTS … BENCHES … PUBLIC … PRIVATE … [PORTABLE] [SLOW …] [SANITIZER_SKIP …])
 # One room of the house: a static library knothe_NAME, one test program of all its tests, one program per benchmark.
 # PORTABLE: no machine-specific instructions (rooms that include deal.II).

@@ -77,10 +77,7 @@ void add_report(CLI::App& app, Command& chosen) {
       add(app, chosen, arguments, report, "report", "A self-contained page of figures and tables.",
           "knothe report examples/beam/results -o report.html");
   command.add_option("RESULTS", arguments.results, "folder of results")->required();
-  command
-      .add_option("-o,--output", arguments.output,
-                  "page to write (.html), or its overview as one picture (.svg)")
-      ->required();
+  command.add_option("-o,--output", arguments.output, "page to write (.html)")->required();
 }
 
 void add_check(CLI::App& app, Command& chosen) {

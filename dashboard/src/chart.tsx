@@ -22,6 +22,10 @@ export interface Series {
   hidden?: boolean;
   format?: (value: number) => string;
   points?: boolean;
+  /** A line without an entry of its own in the legend. */
+  bare?: boolean;
+  /** Points alone, no line. */
+  dots?: boolean;
   /** What the legend and a table say, where it is not what is drawn (stacked bars). */
   said?: (number | null | undefined)[];
 }
@@ -66,6 +70,10 @@ export interface ChartSpec {
   briefNotes?: boolean;
   /** What else the legend says. */
   legend?: LegendEntry[];
+  /** The horizontal axis counts. */
+  counts?: boolean;
+  /** Plots over the same numbers share their cursor; "" is none. */
+  sync?: string;
 }
 
 export interface LegendEntry {
@@ -78,17 +86,22 @@ export interface LegendEntry {
 
 export function legendOf(spec: ChartSpec, index: number | undefined, theme: Theme): LegendEntry[] {
   const own = spec.series.flatMap((s): LegendEntry[] => {
-    if (s.hidden || (spec.brief && s.bandTo !== undefined)) return [];
-    const value = index === undefined ? null : (s.said ?? s.values)[index];
-    const text = value === null || value === undefined ? "–" : (s.format ?? significant)(value);
-    const look = s.bandTo !== undefined ? "band" : s.bars ? "bar" : s.dash ? "dash" : "line";
+    if (s.hidden || s.bare || (spec.brief && s.bandTo !== undefined)) return [];
+    const said = (of: Series): string => {
+      const value = index === undefined ? null : (of.said ?? of.values)[index];
+      return value === null || value === undefined ? "–" : (of.format ?? significant)(value);
+    };
+    const lower = s.bandTo === undefined ? undefined : spec.series[s.bandTo];
+    const text = lower ? `${said(lower)} … ${said(s)}` : said(s);
+    const look = lower ? "band" : s.bars || s.dots ? "bar" : s.dash ? "dash" : "line";
     return [
       {
         label: s.label,
         colour: s.colour,
         look,
         ...(s.opacity === undefined ? {} : { opacity: s.opacity }),
-        ...(look === "band" ? {} : { value: text }),
+        // An edge that is not of this time is not worth a dash.
+        ...(text.includes("–") && (lower || spec.sync === "") ? {} : { value: text }),
       },
     ];
   });
@@ -249,13 +262,24 @@ function options(live: Live, width: number, height: number, hover: (index: numbe
     width,
     height,
     legend: { show: false },
-    cursor: { sync: { key: "knothe" }, drag: { x: true, y: false, dist: 8 }, points: { size: 6 } },
+    cursor: {
+      ...(spec.sync === "" ? {} : { sync: { key: spec.sync ?? "knothe" } }),
+      drag: { x: true, y: false, dist: 8 },
+      points: { size: 6 },
+    },
     scales: {
       x: { time: false, range: (_u, low, high) => (high > low ? [low, high] : [low - 0.5, low + 0.5]) },
       y: yScale(live),
     },
     axes: [
-      { ...axis, label: spec.xLabel, labelSize: 18, size: 30, space: 60 },
+      {
+        ...axis,
+        label: spec.xLabel,
+        labelSize: 18,
+        size: 30,
+        space: 60,
+        ...(spec.counts ? { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000] } : {}),
+      },
       ...(spec.above
         ? [
             {
@@ -274,7 +298,8 @@ function options(live: Live, width: number, height: number, hover: (index: numbe
         scale: "y",
         label: spec.yLabel,
         labelSize: 20,
-        size: 52,
+        // As wide as its longest number.
+        size: (_u, ticks) => Math.max(52, 20 + 7 * Math.max(0, ...(ticks ?? []).map((t) => t.length))),
         space: 32,
         values: (_u, ticks) => ticks.map((v) => (v === null ? "" : (live.current.spec.ticks ?? given)(v))),
       },
@@ -287,7 +312,8 @@ function options(live: Live, width: number, height: number, hover: (index: numbe
         width: s.bars ? 0 : (s.width ?? (s.bandTo !== undefined || s.hidden ? 0.5 : 2)),
         ...(s.dash ? { dash: s.dash } : {}),
         ...(s.bars ? { fill: s.colour, paths: uPlot.paths.bars!({ size: [1, 100], gap: 0 }) } : {}),
-        points: s.points && !s.bars ? { size: 5, fill: s.colour } : { show: false },
+        ...(s.dots ? { paths: () => null } : {}),
+        points: (s.points || s.dots) && !s.bars ? { show: true, size: 5, fill: s.colour } : { show: false },
         spanGaps: false,
       })),
     ],
@@ -311,18 +337,21 @@ function options(live: Live, width: number, height: number, hover: (index: numbe
 
 function yScale(live: Live): uPlot.Scale {
   const { spec } = live.current;
-  const range = (_u: uPlot, dataLow: number | null, dataHigh: number | null): [number, number] => {
-    const { spec: now } = live.current;
-    if (now.range) return now.range;
-    const marks = (now.horizontal ?? []).filter((m) => m.include).map((m) => m.at * (now.factor ?? 1));
-    const low = Math.min(...marks, dataLow ?? Infinity);
-    const high = Math.max(...marks, dataHigh ?? -Infinity);
-    if (!Number.isFinite(low) || !Number.isFinite(high)) return now.logarithmic ? [1, 10] : [0, 1];
-    if (now.logarithmic) return [10 ** Math.floor(Math.log10(low)), 10 ** Math.ceil(Math.log10(high))];
-    const margin = 0.06 * (high - low) || Math.abs(high) * 0.1 || 1;
-    return [low - margin, high + margin];
-  };
+  const range = (_u: uPlot, low: number | null, high: number | null): [number, number] =>
+    verticalRange(live.current.spec, low ?? Infinity, high ?? -Infinity);
   return spec.logarithmic ? { distr: 3, range } : { range };
+}
+
+/** What the vertical axis shows of data between these numbers, which are in its units. */
+export function verticalRange(spec: ChartSpec, dataLow: number, dataHigh: number): [number, number] {
+  if (spec.range) return spec.range;
+  const marks = (spec.horizontal ?? []).filter((m) => m.include).map((m) => m.at * (spec.factor ?? 1));
+  const low = Math.min(...marks, dataLow);
+  const high = Math.max(...marks, dataHigh);
+  if (!Number.isFinite(low) || !Number.isFinite(high)) return spec.logarithmic ? [1, 10] : [0, 1];
+  if (spec.logarithmic) return [10 ** Math.floor(Math.log10(low)), 10 ** Math.ceil(Math.log10(high))];
+  const margin = 0.06 * (high - low) || Math.abs(high) * 0.1 || 1;
+  return [low - margin, high + margin];
 }
 
 function drawGaps(u: uPlot, { spec, theme }: Live["current"]): void {

@@ -70,3 +70,12 @@ export function binsFor(values: readonly number[], axis: Interval): number {
   const bins = width > 0 ? Math.round((axis.high - axis.low) / width) : 10;
   return Math.min(30, Math.max(5, bins));
 }
+
+/** Multiples of 1, 2 or 5 times a power of ten, about `count` of them. */
+export function ticks({ low, high }: Interval, count: number): number[] {
+  const rough = (high - low) / count;
+  const decade = 10 ** Math.floor(Math.log10(rough));
+  const step = decade * ([1, 2, 5, 10].find((m) => m * decade >= rough) ?? 10);
+  const first = Math.ceil(low / step - 1e-9);
+  return Array.from({ length: Math.floor(high / step + 1e-9) - first + 1 }, (_, k) => (first + k) * step);
+}

@@ -3,7 +3,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { through, type Theme } from "./colour";
 import { csv } from "./csv";
 import { given, significant } from "./format";
-import { axisOf, binsFor, correlation, ellipse, histogram, isNarrow, type Interval } from "./pair";
+import { axisOf, binsFor, correlation, ellipse, histogram, isNarrow, ticks, type Interval } from "./pair";
 import { Panel } from "./panel";
 import { composePng } from "./png";
 import { Legend, type LegendEntry } from "./chart";
@@ -43,7 +43,7 @@ export function PairPanel({ model, line, lines, names, samples, theme }: Props) 
     target.height = Math.round(height * ratio);
     const ctx = target.getContext("2d")!;
     ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
-    if (line) draw(ctx, { width, height, count, line, lines, names, points, model, theme, whole: isWhole });
+    if (line) drawPairs(ctx, { width, height, count, line, lines, names, points, model, theme, whole: isWhole });
   }, [width, height, count, line, samples.value, model, theme, isWhole]);
   const legend: LegendEntry[] = [
     {
@@ -84,7 +84,7 @@ export function PairPanel({ model, line, lines, names, samples, theme }: Props) 
   );
 }
 
-interface Picture {
+export interface PairPicture {
   width: number;
   height: number;
   count: number;
@@ -92,6 +92,8 @@ interface Picture {
   lines: readonly StepLine[];
   names: readonly string[];
   points: readonly number[][];
+  /** Draws of something else, behind these. */
+  others?: readonly number[][];
   model: Model | undefined;
   theme: Theme;
   whole: boolean;
@@ -105,7 +107,7 @@ interface Cell {
   horizontal: Interval;
 }
 
-function draw(ctx: CanvasRenderingContext2D, p: Picture): void {
+export function drawPairs(ctx: CanvasRenderingContext2D, p: PairPicture): void {
   const [left, bottom, gap] = [58, 40, 10];
   const w = (p.width - left - 10 - gap * (p.count - 1)) / p.count;
   const h = (p.height - bottom - 8 - gap * (p.count - 1)) / p.count;
@@ -127,7 +129,7 @@ function draw(ctx: CanvasRenderingContext2D, p: Picture): void {
     }
 }
 
-function frame(ctx: CanvasRenderingContext2D, { theme }: Picture, { x, y, w, h }: Cell): void {
+function frame(ctx: CanvasRenderingContext2D, { theme }: PairPicture, { x, y, w, h }: Cell): void {
   ctx.strokeStyle = theme.grid;
   ctx.lineWidth = 1;
   ctx.strokeRect(x + 0.5, y + 0.5, w, h);
@@ -143,7 +145,7 @@ function inside(ctx: CanvasRenderingContext2D, cell: Cell, work: () => void): vo
   ctx.restore();
 }
 
-function marginal(ctx: CanvasRenderingContext2D, p: Picture, cell: Cell, k: number): void {
+function marginal(ctx: CanvasRenderingContext2D, p: PairPicture, cell: Cell, k: number): void {
   const { theme } = p;
   const values = p.points.map((point) => point[k]!);
   const toX = (v: number): number =>
@@ -173,7 +175,7 @@ function marginal(ctx: CanvasRenderingContext2D, p: Picture, cell: Cell, k: numb
 
 function scatter(
   ctx: CanvasRenderingContext2D,
-  p: Picture,
+  p: PairPicture,
   cell: Cell,
   vertical: Interval,
   i: number,
@@ -189,11 +191,13 @@ function scatter(
     ctx.stroke();
   };
   inside(ctx, cell, () => {
-    ctx.fillStyle = through(theme.blue, 0.45);
-    for (const point of p.points) {
-      ctx.beginPath();
-      ctx.arc(toX(point[i]!), toY(point[j]!), 2.2, 0, 7);
-      ctx.fill();
+    for (const [points, colour] of [[p.others ?? [], theme.orange] as const, [p.points, theme.blue] as const]) {
+      ctx.fillStyle = through(colour, 0.45);
+      for (const point of points) {
+        ctx.beginPath();
+        ctx.arc(toX(point[i]!), toY(point[j]!), 2.2, 0, 7);
+        ctx.fill();
+      }
     }
     const end = p.lines.findIndex((l) => l.step > line.step);
     const past = p.lines.slice(0, end < 0 ? undefined : end).slice(-trail);
@@ -226,7 +230,7 @@ function scatter(
 
 function writeCorrelation(
   ctx: CanvasRenderingContext2D,
-  { theme, line, names }: Picture,
+  { theme, line, names }: PairPicture,
   { x, y, w, h }: Cell,
   i: number,
   j: number,
@@ -240,15 +244,7 @@ function writeCorrelation(
   ctx.font = "12px system-ui, sans-serif";
 }
 
-function ticks({ low, high }: Interval, count: number): number[] {
-  const rough = (high - low) / count;
-  const decade = 10 ** Math.floor(Math.log10(rough));
-  const step = decade * ([1, 2, 5, 10].find((m) => m * decade >= rough) ?? 10);
-  const first = Math.ceil(low / step - 1e-9);
-  return Array.from({ length: Math.floor(high / step + 1e-9) - first + 1 }, (_, k) => (first + k) * step);
-}
-
-function horizontalAxis(ctx: CanvasRenderingContext2D, { theme }: Picture, cell: Cell, name: string): void {
+function horizontalAxis(ctx: CanvasRenderingContext2D, { theme }: PairPicture, cell: Cell, name: string): void {
   ctx.fillStyle = theme.faint;
   ctx.textAlign = "center";
   for (const v of ticks(cell.horizontal, Math.max(2, cell.w / 42))) {
@@ -261,7 +257,7 @@ function horizontalAxis(ctx: CanvasRenderingContext2D, { theme }: Picture, cell:
 
 function verticalAxis(
   ctx: CanvasRenderingContext2D,
-  { theme }: Picture,
+  { theme }: PairPicture,
   cell: Cell,
   axis: Interval | undefined,
   name: string,

@@ -54,7 +54,7 @@ export function asVerdictLevel(value: unknown): VerdictLevel | undefined {
   return verdictLevels.find((level) => level === value);
 }
 
-/** Its words; the numbers behind them are left out. */
+/** Its words, and how sure the model lets the numbers be. */
 function asVerdict(value: unknown): Verdict | undefined {
   const level = isObject(value) ? asVerdictLevel(value.level) : undefined;
   if (!isObject(value) || !level) return undefined;
@@ -63,7 +63,7 @@ function asVerdict(value: unknown): Verdict | undefined {
     const of = asVerdictLevel(reason.level);
     if (of && typeof reason.message === "string") reasons.push({ level: of, message: reason.message });
   }
-  return { level, reasons };
+  return { level, reasons, ...(isNumbers(value.model_shift_std) ? { model_shift_std: value.model_shift_std } : {}) };
 }
 
 /** `/v1/states`: one JSON line per step, or one array, or an object that holds it; what is not a step is passed over. */

@@ -87,10 +87,11 @@ export function blobOf(canvas: HTMLCanvasElement): Promise<Blob> {
 
 export function save(blob: Blob, name: string): void {
   const link = document.createElement("a");
-  link.href = URL.createObjectURL(blob);
+  const address = URL.createObjectURL(blob);
+  link.setAttribute("href", address);
   link.download = name;
   link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+  setTimeout(() => URL.revokeObjectURL(address), 1000);
 }
 
 export function saveText(text: string, name: string): void {

@@ -51,12 +51,14 @@ function quantileSeries(
       values: column(base.line.rows, (l) => value(l, pair.low)),
       colour,
       hidden: true,
+      format,
     });
     series.push({
       label: `${pair.percent} % of the probability`,
       values: column(base.line.rows, (l) => value(l, pair.high)),
       colour,
       bandTo: series.length - 1,
+      format,
       opacity: k === pairs.length - 1 && k > 0 ? 0.34 : 0.2,
     });
   });

@@ -16,7 +16,10 @@ export function Summary({ model, line, theme }: Props) {
   const bands = bandsOf(line.quantiles.levels);
   const outer = bands.pairs[0];
   return (
-    <section class="summary" aria-label={`Posterior at step ${line.step}`}>
+    <section
+      class={`summary ${(line.verdict?.level ?? "ok") === "ok" ? "" : "demoted"}`}
+      aria-label={`Posterior at step ${line.step}`}
+    >
       {quantitiesIn(model, line).map((q) => {
         const f = line.forecast[q.name];
         if (!f) return null;
@@ -61,7 +64,8 @@ export function Summary({ model, line, theme }: Props) {
       {parameterNames(model, line).map((name, k) => {
         const parameter = model?.parameters[k];
         const values = line.quantiles.values[k] ?? [];
-        const std = Math.sqrt(line.covariance[k]?.[k] ?? NaN);
+        const shift = line.verdict?.model_shift_std?.[k] ?? 0;
+        const std = Math.sqrt(line.covariance[k]?.[k] ?? NaN) * Math.hypot(1, shift);
         const at = (i: number | undefined): string => (i === undefined ? "–" : withSpread(values[i] ?? NaN, std));
         return (
           <article key={`parameter ${name}`} data-parameter={name}>

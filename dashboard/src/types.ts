@@ -46,6 +46,8 @@ export type VerdictLevel = (typeof verdictLevels)[number];
 export interface Verdict {
   level: VerdictLevel;
   reasons: { level: VerdictLevel; message: string }[];
+  /** How far the reduced model's own error moves each mean, in standard deviations; where it is known. */
+  model_shift_std?: number[];
 }
 
 export interface ParameterDescription {

@@ -1,5 +1,5 @@
-// Types, the committed page, unit tests in node, then the page in headless Chromium. `node test/all.mjs unit|page|service` runs a part;
-// `service`, the page on the real program, only when asked for by name: it needs KNOTHE and KNOTHE_PROJECT.
+// Types, the committed page, unit tests in node, then the page in headless Chromium. `node test/all.mjs unit|page|service|reports` runs a part;
+// `service`, the page on the real program, and `reports`, only when asked for by name: they need KNOTHE and KNOTHE_PROJECT, KNOTHE_REPORTS.
 import { spawnSync } from "node:child_process";
 import { existsSync, readdirSync, rmSync } from "node:fs";
 import { dirname, join } from "node:path";
@@ -43,5 +43,5 @@ if (part !== "unit") {
     console.log("dashboard: no chromium: the page is not tested in a browser (apt-get install chromium)");
     process.exit(part === "all" ? 0 : 77);
   }
-  run("--test", join(here, part === "service" ? "service.test.mjs" : "page.test.mjs"));
+  run("--test", join(here, `${part === "all" ? "page" : part}.test.mjs`));
 }

@@ -12,7 +12,7 @@
 #include "knothe/base/progress.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/offline/problem.hpp"
-#include "knothe/report/figures/svg_figure.hpp"
+#include "knothe/report/pages/page.hpp"
 
 namespace knothe::offline {
 namespace {
@@ -149,25 +149,31 @@ std::string title_of(DamageRegularisation law) {
   return {};
 }
 
-void draw(const std::vector<MeshSeries>& studies, const std::string& path) {
-  report::Figure figure;
-  figure.title = "Load against displacement on several meshes, by regularisation";
-  figure.columns = studies.size();
-  figure.plot_width = 400;
+void draw(const std::vector<MeshSeries>& studies, const MeshStudyOptions& options) {
+  report::Page page("Load against displacement on several meshes", options.project);
+  nlohmann::ordered_json figures = nlohmann::ordered_json::array();
+  std::vector<report::FigurePlace> places;
   for (const MeshSeries& study : studies) {
-    report::Plot plot(title_of(study.law), {.label = "imposed displacement (mm)"}, {.label = "force (N)"});
-    int colour = 0;
-    for (const Run& run : study.runs)
-      plot.line(run.displacement, run.force, report::Paint::series(colour++),
-                fmt::format("{:g} mm, crack {:.1f} mm", 1e3 * run.element, 1e3 * run.crack));
-    figure.plots.push_back(std::move(plot));
+    nlohmann::ordered_json figure = {{"xLabel", "imposed displacement [mm]"}, {"yLabel", "force [N]"}};
+    for (const Run& run : study.runs) {
+      figure["x"].push_back(run.displacement);
+      figure["y"].push_back(run.force);
+      figure["labels"].push_back(fmt::format("{:g} mm, crack {:.1f} mm", 1e3 * run.element, 1e3 * run.crack));
+    }
+    places.push_back({fmt::format("curves:{}", figures.size()), title_of(study.law)});
+    figures.push_back(std::move(figure));
   }
-  files::write_text_atomically(path, report::standalone_svg(figure));
+  page.figures(places);
+  files::write_text_atomically(options.figure,
+                               page.html({{"kind", "curves"}, {"figures", std::move(figures)}}));
 }
 
 }  // namespace
 
 void study_meshes(const MeshStudyOptions& options, const files::CommandOutput& output) {
+  if (!options.figure.empty() && !options.figure.ends_with(".html"))
+    throw UsageError(
+        fmt::format("-o {}: the curves are a page: give a name that ends in .html", options.figure));
   BeamProblem problem = beam_problem(project::read_project(options.project));
   if (!problem.gmsh_file.empty())
     throw ProjectError(options.project +
@@ -189,7 +195,7 @@ void study_meshes(const MeshStudyOptions& options, const files::CommandOutput& o
     studies.push_back(std::move(study));
   }
   report_differences(studies, output);
-  if (!options.figure.empty()) draw(studies, options.figure);
+  if (!options.figure.empty()) draw(studies, options);
 }
 
 }  // namespace knothe::offline

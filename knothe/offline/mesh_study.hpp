@@ -15,10 +15,10 @@ struct MeshStudyOptions {
                                                      project::DamageRegularisation::crack_band,
                                                      project::DamageRegularisation::gradient};
   int steps = 0;       ///< 0: the project's
-  std::string figure;  ///< file (.svg), none if empty
+  std::string figure;  ///< page (.html), none if empty
 };
 /// Prints a row for each law and mesh, then how far each run is from the next finer one. ProjectError for a
-/// mesh from a file.
+/// mesh from a file, UsageError for a page of another name.
 void study_meshes(const MeshStudyOptions& options, const files::CommandOutput& output);
 
 }  // namespace knothe::offline

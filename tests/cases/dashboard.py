@@ -11,7 +11,7 @@ import sys
 import unittest
 
 DASHBOARD = pathlib.Path(__file__).resolve().parent.parent.parent / "dashboard"
-PAGE = DASHBOARD / "dist" / "index.html"
+PAGES = [DASHBOARD / "dist" / name for name in ("index.html", "report.html")]
 CHROMIUM = os.environ.get("KNOTHE_CHROMIUM", "/usr/bin/chromium")
 
 
@@ -49,14 +49,17 @@ def exit_status(result):
 
 
 class Test(unittest.TestCase):
-    def test_page_is_self_contained(self):
-        page = PAGE.read_text(encoding="utf-8")
-        self.assertIn("Content-Security-Policy", page)
-        for asks_elsewhere in (r"<script[^>]*\bsrc=", r"<link[^>]*\bhref=\"(?!data:)", r"@import", r"url\(\s*['\"]?https?:"):
-            self.assertIsNone(re.search(asks_elsewhere, page), asks_elsewhere)
+    def test_pages_are_self_contained(self):
+        for page in PAGES:
+            text = page.read_text(encoding="utf-8")
+            self.assertIn("Content-Security-Policy", text)
+            for asks_elsewhere in (r"<script[^>]*\bsrc=", r"<link[^>]*\bhref=\"(?!data:)", r"@import", r"url\(\s*['\"]?https?:"):
+                self.assertIsNone(re.search(asks_elsewhere, text), f"{page}: {asks_elsewhere}")
 
     def test_sources_and_parts(self):
-        self.assertIn("dist/index.html is up to date", run_part(self, "unit"))
+        said = run_part(self, "unit")
+        for page in PAGES:
+            self.assertIn(f"dist/{page.name} is up to date", said)
 
     def test_in_chromium(self):
         run_part(self, "page")

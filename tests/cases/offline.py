@@ -142,12 +142,12 @@ class Test(Case):
     def test_mesh_study_tells_how_much_the_meshes_differ(self):
         """On coarse meshes and in few steps; the study itself is in docs/explanation/mechanics.md."""
         lines = self.expect(0, "model", "mesh-study", self.project_name, "--elements", "0.02,0.01", "--laws", "none,crack-band",
-                            "--steps", "8", "-o", "study.svg", "--json").lines()
+                            "--steps", "8", "-o", "study.html", "--json").lines()
         self.assertEqual([(line["law"], line["element_m"]) for line in lines if "dofs" in line],
                          [("none", 0.02), ("none", 0.01), ("crack-band", 0.02), ("crack-band", 0.01)])
         gap = {line["law"]: line["curve"] for line in lines if "from_m" in line}
         self.assertLess(gap["crack-band"], 0.7 * gap["none"])
-        self.assertIn("crack band", (self.folder / "study.svg").read_text())
+        self.assertIn("crack band", (self.folder / "study.html").read_text())
         self.expect(2, "model", "mesh-study", self.project_name, "--laws", "crackband", stderr="crack-band")
 
     def test_regularised_laws_do_not_depend_on_the_mesh(self):

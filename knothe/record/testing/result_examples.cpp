@@ -194,6 +194,17 @@ std::string xml_fault(const std::string& text) {
   return open.empty() ? "" : "<" + open.back() + "> is never closed";
 }
 
+std::string html_fault(const std::string& page) {
+  std::string rest = page;
+  for (const std::string element : {"script", "style"})
+    for (std::size_t at = rest.find("<" + element); at != std::string::npos; at = rest.find("<" + element)) {
+      const std::size_t end = rest.find("</" + element + ">", at);
+      if (end == std::string::npos) return "<" + element + "> is never closed";
+      rest.erase(at, end + element.size() + 3 - at);
+    }
+  return xml_fault(rest);
+}
+
 std::size_t count_of(const std::string& text, const std::string& part) {
   std::size_t count = 0;
   for (std::size_t at = text.find(part); at != std::string::npos; at = text.find(part, at + part.size()))

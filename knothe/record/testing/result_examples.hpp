@@ -11,6 +11,9 @@ namespace knothe::record::test {
 /// what is wrong.
 [[nodiscard]] std::string xml_fault(const std::string& text);
 
+/// The same of a page, whose scripts and style are left out, as is its first line.
+[[nodiscard]] std::string html_fault(const std::string& page);
+
 /// How often `part` occurs in `text`.
 [[nodiscard]] std::size_t count_of(const std::string& text, const std::string& part);
 

@@ -51,12 +51,6 @@ const std::array<std::uint8_t, 8>& rows_of(char letter) {
 
 }  // namespace
 
-Rgb rgb_of(const std::string& colour) {
-  const auto value = std::strtoul(colour.c_str() + 1, nullptr, 16);
-  return {static_cast<std::uint8_t>(value >> 16), static_cast<std::uint8_t>(value >> 8 & 255),
-          static_cast<std::uint8_t>(value & 255)};
-}
-
 Canvas::Canvas(int width, int height, Rgb background) : width_(width), height_(height) {
   pixels_.reserve(std::size_t{3} * width * height);
   for (int i = 0; i < width * height; ++i)

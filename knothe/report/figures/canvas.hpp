@@ -9,9 +9,6 @@ namespace knothe::report {
 
 using Rgb = std::array<std::uint8_t, 3>;
 
-/// "#rrggbb".
-[[nodiscard]] Rgb rgb_of(const std::string& colour);
-
 class Canvas {
  public:
   Canvas(int width, int height, Rgb background = {255, 255, 255});

@@ -107,7 +107,7 @@ void draw_bar(Canvas& canvas, int x, int y, int height, const Map& map) {
   constexpr int k_width = 16;
   for (int j = 0; j < height; ++j) {
     const double fraction = 1 - 1.0 * j / std::max(1, height - 1);
-    canvas.fill(x, y + j, k_width, 1, rgb_of(map.has_sign ? blue_white_red(fraction) : viridis(fraction)));
+    canvas.fill(x, y + j, k_width, 1, map.has_sign ? blue_white_red(fraction) : viridis(fraction));
   }
   const std::vector<double> numbers = round_numbers(map.low, map.high);
   for (const double number : numbers) {
@@ -173,8 +173,7 @@ void draw_map(Canvas& canvas, int left, int top, const View& view,
       const double value = map.values[picture.index(x, y)];
       if (!std::isfinite(value)) continue;
       const double fraction = (value - map.low) / (map.high - map.low);
-      canvas.blend(left + i, top + j, rgb_of(map.has_sign ? blue_white_red(fraction) : viridis(fraction)),
-                   0.72);
+      canvas.blend(left + i, top + j, map.has_sign ? blue_white_red(fraction) : viridis(fraction), 0.72);
     }
   const ImageMesh& mesh = correlation.mesh();
   for (std::size_t e = 0; e < mesh.elements.size(); ++e) {

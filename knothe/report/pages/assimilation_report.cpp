@@ -5,62 +5,79 @@
 #include <algorithm>
 #include <filesystem>
 #include <memory>
+#include <utility>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/record/number_text.hpp"
-#include "knothe/report/figures/model_figures.hpp"
-#include "knothe/report/figures/result_figures.hpp"
-#include "knothe/report/figures/watch_figures.hpp"
+#include "knothe/report/data/report_record.hpp"
+#include "knothe/report/data/words.hpp"
+#include "knothe/report/pages/fit_section.hpp"
 
 namespace knothe::report {
 namespace {
 
+using Level = assimilation::VerdictLevel;
+
+Usability usability(Level level) {
+  return level == Level::ok        ? Usability::usable
+         : level == Level::caution ? Usability::with_caveats
+                                   : Usability::not_usable;
+}
+
 /// First of all: can the result be used?
-void add_verdict(Page& page, const record::Results& results) {
-  using Level = assimilation::VerdictLevel;
+void add_result(Page& page, const record::Results& results) {
   if (!results.judged) return;
-  const Level level = results.verdict.level;
-  page.cards({{"Can this result be used?", to_text(level),
-               level == Level::ok        ? "No problem found: the data fit the model and its noise."
-               : level == Level::caution ? "Usable, with these caveats."
-                                         : "Do not use it, for the reasons below.",
-               level == Level::reject, level == Level::caution}});
-  std::vector<TableRow> rows;
-  for (const assimilation::VerdictReason& reason : results.verdict.reasons)
-    rows.push_back({{to_text(reason.part), to_text(reason.level), reason.message}});
-  if (!rows.empty()) page.table({"Verdict on", "level", "what it is, and what to do"}, rows);
+  const assimilation::Verdict& verdict = results.verdict;
+  std::vector<std::string> sentences;
+  if (verdict.level == Level::ok)
+    sentences.push_back("Verdict: no problem found; the data fit the model and its noise.");
+  for (const assimilation::VerdictReason& reason : verdict.reasons)
+    sentences.push_back(fmt::format("Verdict on {} ({}): {}", to_text(reason.part),
+                                    result_words(usability(reason.level)), reason.message));
   if (const auto& asked = results.refinement)
-    page.note(
+    sentences.push_back(
         fmt::format("The full-order model was run {:.0f} times in the region of the posterior, and the "
                     "reduced model refined: at the last step its error had been {:.2g} standard deviations.",
                     asked->full_order_runs, asked->moved_std));
+  page.result(usability(verdict.level), sentences);
+}
+
+/// Of the first screen: the specimen, what was measured, the load curve; then the numbers.
+void add_first_screen(Page& page, const record::Results& results, const nlohmann::ordered_json& record) {
+  std::vector<FigurePlace> figures;
+  if (record.contains("specimen") || record.contains("sensors"))
+    figures.push_back({"specimen", "Specimen and sensors, shape of the posterior mean"});
+  if (record.contains("measured"))
+    figures.push_back({"measured:0", "Measured, predicted: " + measured_title(record, 0)});
+  if (record.contains("load")) figures.push_back({"load", "Load over displacement, last posterior"});
+  page.figures(figures);
+  page.tables(headline(results));
+  page.note(
+      "After the last step. ±: one standard deviation of the posterior, with the reduced model's error where "
+      "it is known. 95 %: from the 2.5 % to the 97.5 % quantile, of the posterior alone.");
 }
 
 void add_parameters(Page& page, const record::Results& results) {
   page.section("What the data say about the parameters");
   bool any = false;
   for (const auto& s : results.steps) any = any || !s.marginals.empty();
-  std::vector<Figure> marginals, convergence;
-  for (std::size_t d = 0; d < results.parameters.size(); ++d) {
-    const std::string name = pretty_name(results.parameters[d].name);
-    marginals.push_back(
-        figure_of(marginals_plot(results, d), "Successive posterior marginals of " + name, 330.0));
-    convergence.push_back(
-        figure_of(convergence_plot(results, d), "Posterior mean and 95 % band of " + name, 280.0));
-  }
-  if (any) {
-    page.figures(marginals,
-                 "Successive posterior marginals, coloured by step. A flat curve means that the data so far "
-                 "do not determine the parameter, a narrow one that they do. Moments, quantiles and "
-                 "densities are importance-corrected.");
-  } else {
-    page.note("The results hold no marginal densities, so their figure is left out.");
-  }
-  page.figures(convergence,
-               "Posterior mean, and the band that holds 95 % of the probability, after each step.");
-  if (results.steps.empty()) return;
+  std::vector<FigurePlace> figures;
+  const auto add_each = [&](const char* kind, const char* title) {
+    for (std::size_t d = 0; d < results.parameters.size(); ++d)
+      figures.push_back({fmt::format("{}:{}", kind, d),
+                         fmt::format(fmt::runtime(title), pretty_name(results.parameters[d].name))});
+  };
+  if (any) add_each("marginal", "Posterior of {}, step by step");
+  add_each("parameter", "{} as the data come in");
+  if (results.parameters.size() > 1 && !results.draws.empty())
+    figures.push_back({"pairs", "Draws of the last posterior, pair by pair"});
+  page.figures(figures,
+               "A flat density means that the data so far do not determine the parameter, a narrow one that "
+               "they do; a narrow ridge of draws, that they determine one combination of two parameters much "
+               "better than each. Moments, quantiles and densities are importance-corrected.");
+  if (!any) page.note("The results hold no marginal densities, so their figure is left out.");
   for (const assimilation::EstimatedError& error : results.steps.back().lasting_errors) {
     const std::string value = record::with_uncertainty(error.mean, error.std);
     page.note(
@@ -71,109 +88,80 @@ void add_parameters(Page& page, const record::Results& results) {
   }
 }
 
-/// Each pair of the first parameters; nothing for one parameter, or where the file has no draws.
-void add_pairs(Page& page, const record::Results& results) {
-  std::vector<Figure> figures;
-  const std::size_t d = std::min<std::size_t>(results.draws.size(), 5);
-  for (std::size_t row = 1; row < d; ++row)
-    for (std::size_t column = 0; column < row; ++column)
-      figures.push_back(
-          figure_of(pair_plot(results, row, column), pretty_name(results.parameters[row].name) + " against " +
-                                                         pretty_name(results.parameters[column].name)));
-  if (figures.empty()) return;
-  page.figures(figures,
-               "Draws of the last posterior, pair by pair. A narrow ridge: the data determine one "
-               "combination of the two much better than each of them.");
-  if (results.draws.size() > d) page.note(fmt::format("Only the first {} parameters are drawn.", d));
-}
-
 void add_forecasts(Page& page, const record::Results& results) {
   page.section("Forecast");
-  const auto names = results.forecast_names();
+  std::vector<std::string> names = results.forecast_names();
   if (names.empty()) {
     page.note("No forecast was asked for: a table [forecast.NAME] in the project file adds one.");
     return;
   }
+  const auto& last = results.steps.back().forecast;
+  std::stable_partition(names.begin(), names.end(),
+                        [&](const std::string& name) { return !last.at(name).is_past; });
+  std::vector<FigurePlace> figures;
   for (const auto& name : names) {
-    std::vector<Figure> figures;
     const std::string title = forecast_scale(results, name).title;
-    if (!results.steps.back().forecast.at(name).density.empty())
-      figures.push_back(
-          figure_of(forecast_densities_plot(results, name), title + ": successive densities", 330.0));
-    figures.push_back(
-        figure_of(forecast_convergence_plot(results, name), title + ": mean and 95 % band", 330.0));
-    std::string caption =
-        fmt::format("Forecast “{}”: what the posterior after each step predicts for the horizon.", name);
-    if (const auto residual = results.steps.back().forecast.at(name).bridge_residual_rms)
-      caption += fmt::format(" A crack of this length reproduces the predicted displacements to {} µm RMS.",
-                             record::readable(1e6 * *residual, 2));
-    page.figures(figures, caption);
+    figures.push_back({"forecast:" + name, title + ", as the data come in"});
+    if (!last.at(name).density.empty())
+      figures.push_back({"forecast_density:" + name, title + ": densities"});
+  }
+  page.figures(figures, "What the posterior after each step predicts for the horizon.");
+  for (const auto& name : names)
+    if (const auto residual = last.at(name).bridge_residual_rms)
+      page.note(fmt::format("{}: a crack of this length reproduces the predicted displacements to {} µm RMS.",
+                            name, record::readable(1e6 * *residual, 2)));
+}
+
+void add_learning(Page& page, const record::Results& results) {
+  page.section("Which steps carry information");
+  if (results.displacement.empty() && results.residuals.series.empty())
+    page.note("The results hold no load–displacement curve, so it is left out.");
+  page.figures({{"information", "Information gained at each step"}},
+               "How far the entropy of the posterior falls.");
+  for (std::size_t d = 0; d < results.parameters.size(); ++d) {
+    std::vector<std::size_t> steps;
+    for (const std::size_t i : learning_steps(results, d)) steps.push_back(results.steps[i].step);
+    if (!steps.empty())
+      page.paragraph(fmt::format("The standard deviation of {} falls most at steps {}.",
+                                 pretty_name(results.parameters[d].name), list_of(steps)));
   }
 }
 
 void add_method(Page& page, const record::Results& results) {
   page.section("How it was computed");
   const bool maps = results.has_maps();
-  std::vector<Figure> figures = {
-      figure_of(cost_plot(results), maps ? "Map order and time per step" : "Time per step", 300.0)};
+  const std::size_t n = results.steps.size();
+  const auto untrusted = results.untrusted();
+  page.paragraph(fmt::format("The computation is trusted at {}. Time of an update without forecasts: {}.",
+                             untrusted.empty() ? fmt::format("all {} steps", n)
+                                               : fmt::format("{} of {} steps; not trusted: {}",
+                                                             n - untrusted.size(), n, list_of(untrusted)),
+                             update_times(results, &record::Step::update_us)));
+  std::vector<FigurePlace> figures = {{"timing", "Time of an update, by phase"}};
   if (maps) {
-    figures.push_back(figure_of(variance_diagnostic_plot(results), "Variance diagnostic", 300.0));
-    figures.push_back(figure_of(sample_size_plot(results), "Effective sample size", 300.0));
+    figures.push_back({"order", "Order of the transport map"});
+    figures.push_back({"diagnostic", "Variance diagnostic of the map"});
   }
-  const std::string by_maps =
-      "Bars: polynomial order that the transport map needed at each step, 0 where quadrature did without "
-      "one; line: time of the update, without the forecast. A step with a map is trusted if the diagnostic "
-      "is at most 0.05, the effective sample size at least 90 %, and no second mode was found.";
-  const std::string without_maps =
-      "Time of the update, without the forecast. No step has a map. Quadrature is trusted if every other "
-      "node gives the same evidence, means and standard deviations to 1 %, chains and particles if they have "
-      "converged.";
-  page.figures(figures, maps ? by_maps : without_maps);
-  std::vector<TableRow> untrusted;
+  page.figures(figures,
+               maps
+                   ? "Order 0: quadrature did without a map. A step with a map is trusted if the diagnostic "
+                     "is at most 0.05, the effective sample size at least 90 %, and no second mode was found."
+                   : "No step has a map. Quadrature is trusted if every other node gives the same evidence, "
+                     "means and standard deviations to 1 %, chains and particles if they have converged.");
+  std::vector<TableRow> rows;
   for (const auto& s : results.steps)
     if (!s.trusted)
-      untrusted.push_back(
+      rows.push_back(
           {{std::to_string(s.step), std::to_string(s.map_order), record::readable(s.variance_diagnostic, 2),
             record::readable(100.0 * s.effective_sample_size, 3) + " %", s.remark}});
-  if (!untrusted.empty())
-    page.table({"not trusted: step", "order", "diagnostic", "samples", "remark"}, untrusted);
+  if (!rows.empty()) page.table({"not trusted: step", "order", "diagnostic", "samples", "remark"}, rows);
   std::size_t rejected = 0, missing = 0;
   for (const auto& s : results.steps) rejected += s.rejected, missing += s.missing;
   if (rejected + missing > 0)
     page.paragraph(fmt::format("{} values were missing and {} were rejected.", missing, rejected));
 }
 
-void add_learning(Page& page, const record::Results& results) {
-  page.section("Which steps carry information");
-  std::vector<Figure> figures;
-  if (!results.displacement.empty())
-    figures.push_back(
-        figure_of(load_plot(results), "Load–displacement curve and the most informative steps", 330.0));
-  else if (results.residuals.series.empty())
-    page.note("The results hold no load–displacement curve, so it is left out.");
-  figures.push_back(figure_of(information_plot(results), "Information gained per step", 330.0));
-  page.figures(figures,
-               fmt::format("{}Bars: entropy reduction of the posterior at each step.",
-                           results.displacement.empty()
-                               ? ""
-                               : "Dots: the five steps where the standard deviation of a parameter falls by "
-                                 "the largest factor. "));
-}
-
-/// The last posterior mean, moved into the model's box, in the model's order of parameters; the box's middle
-/// for a parameter that the results do not have.
-std::vector<double> drawing_point(const record::Results& results, const model::SeparatedModel& model) {
-  std::vector<double> p;
-  for (const auto& axis : model.contents().axes) {
-    double value = 0.5 * (axis.nodes.front() + axis.nodes.back());
-    for (std::size_t d = 0; d < results.parameters.size(); ++d)
-      if (results.parameters[d].name == axis.name) value = results.steps.back().mean[d];
-    p.push_back(std::clamp(value, axis.nodes.front(), axis.nodes.back()));
-  }
-  return p;
-}
-
-void add_model(Page& page, const record::Results& results, const model::SeparatedModel& model) {
+void add_model(Page& page, const model::SeparatedModel& model, const nlohmann::ordered_json& record) {
   const auto& contents = model.contents();
   page.section("The reduced model");
   const auto error = [&](double relative, double largest) {
@@ -193,31 +181,23 @@ void add_model(Page& page, const record::Results& results, const model::Separate
       contents.dof_count(), error(contents.relative_error, contents.max_error_m),
       between ? error(between->relative_error, between->max_error_m) + " (" + between->source + ")"
               : "not known"));
-  const std::vector<double> p = drawing_point(results, model);
-  if (can_be_drawn(model)) {
-    const std::size_t last = contents.time.size() - 1;
-    page.figure(displacement_figure(model, p, last),
-                "Horizontal displacement at the last time step and the posterior mean.");
-    page.figures(space_mode_figures(model),
-                 "The first space modes on the outer face (horizontal component, largest value 1, "
-                 "deformed shape exaggerated).");
+  std::vector<FigurePlace> figures;
+  if (record.contains("specimen")) {
+    for (const auto& [kind, member] : {std::pair("mode", "modes"), std::pair("crack", "crack")})
+      for (const auto& [key, field] : record.at("specimen").at(member).items())
+        figures.push_back({fmt::format("{}:{}", kind, key), field.at("title").get<std::string>()});
   } else if (contents.quantities.empty()) {
     page.note("The model file has no mesh of hexahedra with displacement dofs, so its fields are not drawn.");
   }
-  std::vector<Figure> functions = {figure_of(time_functions_plot(model, p), "Time functions", 300.0)};
+  figures.push_back({"functions:0", "Time functions at the posterior mean"});
   for (std::size_t axis = 0; axis < contents.axes.size(); ++axis)
-    functions.push_back(figure_of(parameter_functions_plot(model, axis, p), "Parameter functions", 300.0));
-  page.figures(functions,
+    figures.push_back({fmt::format("functions:{}", axis + 1),
+                       "Parameter functions along " + pretty_name(contents.axes[axis].name)});
+  page.figures(figures,
                contents.form == model::Form::canonical
-                   ? "Time functions at the posterior mean, and parameter functions, of the first modes."
-                   : "Time functions at the posterior mean, and the joint parameter functions along lines "
-                     "through it, of the first modes.");
-  if (can_be_drawn(model) && !contents.crack.empty()) {
-    const std::vector<double> lengths = {0.0, 0.025, 0.05, 0.075};
-    page.figures(crack_figures(model, lengths),
-                 "Elastic solutions of the crack bridge for four crack lengths and a unit "
-                 "imposed displacement (the paper's Fig. 10).");
-  }
+                   ? "The first modes, deformed shapes exaggerated."
+                   : "The first modes, deformed shapes exaggerated; the joint parameter functions along "
+                     "lines through the posterior mean.");
 }
 
 void add_provenance(Page& page, const record::Results& results) {
@@ -265,16 +245,16 @@ std::string assimilation_report(const record::Results& results, const model::Sep
             fmt::format("{}{} assimilated, up to model time {}. Last step: {} of {} used.", date,
                         counted(results.steps.size(), "step"), record::plain(last.time), last.used,
                         counted(last.used + last.rejected + last.missing, "sensor")));
-  add_verdict(page, results);
-  page.cards(headline(results));
+  const nlohmann::ordered_json record = assimilation_record(results, model);
+  add_result(page, results);
+  add_first_screen(page, results, record);
+  add_fit(page, results, record);
   add_parameters(page, results);
-  add_pairs(page, results);
   add_forecasts(page, results);
   add_learning(page, results);
-  add_watch(page, results, model);
   add_method(page, results);
   if (model != nullptr) {
-    add_model(page, results, *model);
+    add_model(page, *model, record);
   } else {
     page.section("The reduced model").note("The figures of the model are left out: " + model_problem);
   }
@@ -286,7 +266,7 @@ std::string assimilation_report(const record::Results& results, const model::Sep
     page.table({"", "paper", "here", "why they differ"}, rows);
   }
   add_provenance(page, results);
-  return page.html();
+  return page.html(record);
 }
 
 void write_assimilation_report(const std::string& results_folder, const std::string& model_path,
@@ -303,21 +283,6 @@ void write_assimilation_report(const std::string& results_folder, const std::str
     }
   }
   files::write_text_atomically(output, assimilation_report(results, model.get(), problem));
-}
-
-std::string overview_svg(const record::Results& results) {
-  Figure figure{"Successive posteriors and forecasts", {}, 2, 470.0, 330.0};
-  const auto names = results.forecast_names();
-  const std::size_t shown = names.empty() ? results.parameters.size() : 1;
-  for (std::size_t i = 0; i < std::min<std::size_t>(shown, 2); ++i)
-    figure.plots.push_back(marginals_plot(results, names.empty() ? i : results.parameters.size() - 1));
-  for (std::size_t i = 0; i < std::min<std::size_t>(names.size(), 1); ++i)
-    figure.plots.push_back(forecast_densities_plot(results, names[i]));
-  return standalone_svg(figure);
-}
-
-void write_overview_svg(const std::string& results_folder, const std::string& output) {
-  files::write_text_atomically(output, overview_svg(record::read_results(results_folder)));
 }
 
 }  // namespace knothe::report

@@ -10,6 +10,7 @@
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_text.hpp"
 #include "knothe/record/number_text.hpp"
+#include "knothe/report/data/report_record.hpp"
 #include "knothe/report/pages/page.hpp"
 
 namespace knothe::report {
@@ -19,19 +20,16 @@ using Json = nlohmann::json;
 using Numbers = std::vector<double>;
 namespace fs = std::filesystem;
 
-/// Posterior density of parameter k, by both.
-Figure marginals(const Json& first, const Json& second, std::size_t k) {
-  const std::string name = first.at("parameters").at(k);
-  Plot plot("", {name}, {"density", 0.0});
-  int colour = 0;
-  for (const Json* one : {&first, &second}) {
-    const Json& density = one->at("figures").at("posterior").at(k);
-    plot.line(density.at("points").get<Numbers>(), density.at("density").get<Numbers>(),
-              Paint::series(colour++), one->at("method").get<std::string>());
-  }
-  Figure figure{"Marginal of " + name, {std::move(plot)}};
-  figure.plot_height = 280.0;
-  return figure;
+/// What the figures are drawn from.
+nlohmann::ordered_json record_of(const Json& first, const Json& second) {
+  nlohmann::ordered_json contents = nlohmann::ordered_json::array();
+  for (const Json* one : {&first, &second})
+    contents.push_back({{"method", one->at("method")},
+                        {"parameters", one->at("parameters")},
+                        {"figures", {{"posterior", one->at("figures").at("posterior")}}}});
+  nlohmann::ordered_json record = {{"kind", "comparison"}, {"contents", std::move(contents)}};
+  shorten_numbers(record, 6);
+  return record;
 }
 
 std::string page_of(const Json& comparison, const Json& first, const Json& second) {
@@ -43,22 +41,17 @@ std::string page_of(const Json& comparison, const Json& first, const Json& secon
   Page page("Two methods compared",
             fmt::format("The means of {} and {} differ by at most {} standard deviations of the posterior.",
                         a, b, record::readable(largest, 2)));
-  std::vector<Card> cards;
-  for (const Json* one : {&first, &second}) {
-    const bool trusted = one->at("trusted");
-    cards.push_back({one->at("method").get<std::string>(), trusted ? "trusted" : "not trusted",
-                     fmt::format("{} model evaluations", one->at("model_evaluations").get<long>()),
-                     !trusted});
-  }
-  cards.push_back({"Log-evidence, difference",
-                   record::with_uncertainty(c.at("log_evidence_difference"),
-                                            std::max(1e-6, c.at("log_evidence_error").get<double>())),
-                   fmt::format("{} minus {}", b, a)});
-  page.cards(cards);
-  page.section("Diagnostics of each method");
+  const bool trusted = first.at("trusted") && second.at("trusted");
+  std::vector<std::string> sentences;
   for (const Json* one : {&first, &second})
-    page.paragraph(
-        fmt::format("{}: {}", one->at("method").get<std::string>(), one->at("verdict").get<std::string>()));
+    sentences.push_back(fmt::format("{}: {} ({} model evaluations)", one->at("method").get<std::string>(),
+                                    one->at("verdict").get<std::string>(),
+                                    one->at("model_evaluations").get<long>()));
+  sentences.push_back(
+      fmt::format("Log-evidence, {} minus {}: {}.", b, a,
+                  record::with_uncertainty(c.at("log_evidence_difference"),
+                                           std::max(1e-6, c.at("log_evidence_error").get<double>()))));
+  page.result(trusted ? Usability::usable : Usability::not_usable, sentences);
   page.section(fmt::format("{} minus {}, in units of the posterior's standard deviation", b, a));
   std::vector<std::string> head = {"parameter", "mean", "ratio of deviations"};
   for (const double level : c.at("quantile_difference").at("levels").get<Numbers>())
@@ -73,15 +66,15 @@ std::string page_of(const Json& comparison, const Json& first, const Json& secon
   }
   page.table(head, rows);
   page.section("Marginal posteriors");
-  std::vector<Figure> figures;
+  std::vector<FigurePlace> figures;
   for (std::size_t k = 0; k < std::min<std::size_t>(parameters.size(), 6); ++k)
-    figures.push_back(marginals(first, second, k));
+    figures.push_back({fmt::format("marginal:{}", k), "Marginal of " + parameters[k]});
   page.figures(figures, "Where the curves coincide, two independent methods agree.");
   page.section("Provenance");
   page.table({}, {{{"Program", first.at("created_by").get<std::string>()}},
                   {{"Model", first.at("model").get<std::string>()}}});
   page.details("The project file", first.at("project").get<std::string>());
-  return page.html();
+  return page.html(record_of(first, second));
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// What the assimilation found, in words: the cards on top of the page, and the comparison with the paper.
+// What the assimilation found, in numbers: the tables on top of the page, and the comparison with the paper.
 #include <fmt/core.h>
 
 #include <algorithm>
@@ -6,7 +6,7 @@
 
 #include "knothe/numerics/statistics/order_statistics.hpp"
 #include "knothe/record/number_text.hpp"
-#include "knothe/report/figures/result_figures.hpp"
+#include "knothe/report/data/words.hpp"
 #include "knothe/report/pages/assimilation_report.hpp"
 
 namespace knothe::report {
@@ -18,18 +18,82 @@ std::string duration(double us) {
   return record::readable(1e-6 * us, 3) + " s";
 }
 
-std::vector<double> update_times(const record::Results& results) {
-  std::vector<double> times;
-  for (const auto& s : results.steps) times.push_back(s.update_us);
-  return times;
-}
-
 std::string percent(double probability) {
   // Of samples: all of them above does not mean certainty.
-  if (probability < 0.001) return "less than 0.1 %";
-  if (probability > 0.999) return "more than 99.9 %";
-  return record::readable(100.0 * probability, probability > 0.1 ? 3 : 2) + " %";
+  if (probability < 0.001) return "< 0.1 %";
+  if (probability > 0.999) return "> 99.9 %";
+  return "= " + record::readable(100.0 * probability, probability > 0.1 ? 3 : 2) + " %";
 }
+
+std::string with_unit(const std::string& number, const std::string& unit) {
+  return unit.empty() ? number : number + " " + unit;
+}
+
+/// A quantile to the decimals that its standard deviation makes worth reading.
+std::string to_decimals(double value, double std) {
+  const std::string text = record::with_uncertainty(value, std);
+  return text.substr(0, text.find(" ±"));
+}
+
+std::string interval(double low, double high, double std) {
+  return to_decimals(low, std) + " … " + to_decimals(high, std);
+}
+
+/// Of a parameter: with the reduced model's own error, where the verdict knows it.
+double total_std(const record::Results& results, std::size_t d) {
+  const double std = results.steps.back().standard_deviations()[d];
+  const auto& shift = results.verdict.model_shift_std;
+  return static_cast<Eigen::Index>(d) < shift.size() ? std * std::hypot(1.0, shift[d]) : std;
+}
+
+TableRow parameter_row(const record::Results& results, std::size_t d) {
+  const record::ParameterSummary& p = results.parameters[d];
+  const record::Step& last = results.steps.back();
+  const double std = total_std(results, d);
+  const bool is_physical = !p.reference || *p.reference == 1;
+  const std::string units = pretty_units(p.units);
+  TableRow row{{parameter_label(p), record::with_uncertainty(last.mean[d], std)}};
+  if (last.quantiles.cols() > 1)
+    row.cells.push_back(interval(last.quantiles(d, 0), last.quantiles(d, last.quantiles.cols() - 1), std));
+  else
+    row.cells.push_back(interval(last.mean[d] - 1.96 * std, last.mean[d] + 1.96 * std, std));
+  row.cells.push_back(is_physical ? with_unit(record::with_uncertainty(last.mean[d], std), units)
+                                  : with_unit(record::with_uncertainty(*p.reference * last.mean[d],
+                                                                       std::abs(*p.reference) * std),
+                                              units));
+  if (p.truth) {
+    const double distance = std > 0 ? std::abs(last.mean[d] - *p.truth) / std : 0.0;
+    row.cells.push_back(fmt::format("{}, {:.1f} σ away", record::plain(*p.truth), distance));
+  } else {
+    row.cells.push_back(to_decimals(last.maximum_a_posteriori[d], std));
+  }
+  return row;
+}
+
+TableRow forecast_row(const record::Results& results, const std::string& name) {
+  const record::StepForecast& f = results.steps.back().forecast.at(name);
+  const ForecastScale scale = forecast_scale(results, name);
+  const double std = scale.factor * f.std;
+  TableRow row{{scale.title, with_unit(record::with_uncertainty(scale.factor * f.mean, std), scale.unit)}};
+  row.expired = f.is_past;
+  row.cells.push_back(f.values.empty() ? std::string()
+                                       : with_unit(interval(scale.factor * f.values.front(),
+                                                            scale.factor * f.values.back(), std),
+                                                   scale.unit));
+  const auto summary = results.forecasts.find(name);
+  std::string remark;
+  if (summary != results.forecasts.end() && summary->second.threshold) {
+    const std::string number = record::plain(scale.factor * *summary->second.threshold);
+    const std::string threshold = scale.unit.empty() ? number : number + "\u00a0" + scale.unit;
+    remark = fmt::format("P(> {0}) {1}, P(< {0}) {2}", threshold, percent(f.probability_above_threshold),
+                         percent(1 - f.probability_above_threshold));
+  }
+  if (f.is_past) remark += (remark.empty() ? "" : "; ") + std::string("past: an estimate");
+  row.cells.push_back(remark);
+  return row;
+}
+
+}  // namespace
 
 std::string list_of(const std::vector<std::size_t>& numbers) {
   std::string out;
@@ -40,73 +104,47 @@ std::string list_of(const std::vector<std::size_t>& numbers) {
   return out;
 }
 
-Card parameter_card(const record::Results& results, std::size_t d) {
-  const record::ParameterSummary& p = results.parameters[d];
-  const record::Step& last = results.steps.back();
-  Card card{pretty_name(p.name), record::with_uncertainty(last.mean[d], last.standard_deviations()[d]), {}};
-  const bool is_physical = !p.reference || *p.reference == 1;
-  const std::string units = pretty_units(p.units);
-  if (is_physical && !units.empty()) card.value += " " + units;
-  if (p.truth) {
-    const double distance = last.standard_deviations()[d] > 0.0
-                                ? std::abs(last.mean[d] - *p.truth) / last.standard_deviations()[d]
-                                : 0.0;
-    card.remark = fmt::format("{:.1f} σ from the true value {}", distance, record::plain(*p.truth));
-    card.warning = distance > 3.0;
-  } else {
-    card.remark = fmt::format("most probable: {}", record::readable(last.maximum_a_posteriori[d], 4));
+std::string update_times(const record::Results& results, double record::Step::*time) {
+  std::vector<double> times;
+  for (const auto& s : results.steps) times.push_back(s.*time);
+  return duration(numerics::quantile(times, 0.5)) + " (median), " +
+         duration(numerics::quantile(times, 0.99)) + " (99 %)";
+}
+
+std::vector<Table> headline(const record::Results& results) {
+  const bool demoted = results.judged && results.verdict.level != assimilation::VerdictLevel::ok;
+  const bool has_truth = std::any_of(results.parameters.begin(), results.parameters.end(),
+                                     [](const record::ParameterSummary& p) { return p.truth.has_value(); });
+  Table parameters{
+      "Parameters",
+      {"parameter", "estimate", "95 % between", "in its unit", has_truth ? "true value" : "most probable"},
+      {},
+      demoted};
+  for (std::size_t d = 0; d < results.parameters.size(); ++d)
+    parameters.rows.push_back(parameter_row(results, d));
+  std::vector<Table> tables = {std::move(parameters)};
+  Table forecasts{"Forecasts", {"forecast", "value", "95 % between", "threshold"}, {}, demoted};
+  for (const auto& name : results.forecast_names()) forecasts.rows.push_back(forecast_row(results, name));
+  std::stable_partition(forecasts.rows.begin(), forecasts.rows.end(),
+                        [](const TableRow& row) { return !row.expired; });
+  if (!forecasts.rows.empty()) tables.push_back(std::move(forecasts));
+  return tables;
+}
+
+std::vector<std::size_t> learning_steps(const record::Results& results, std::size_t d, std::size_t count) {
+  std::vector<std::size_t> order;
+  std::vector<double> fall(results.steps.size(), 0.0);
+  for (std::size_t i = 1; i < results.steps.size(); ++i) {
+    const double before = results.steps[i - 1].standard_deviations()[d],
+                 after = results.steps[i].standard_deviations()[d];
+    if (before > 0.0 && after > 0.0) fall[i] = std::log(before / after);
+    if (fall[i] > 0.02) order.push_back(i);
   }
-  if (!is_physical && !units.empty())
-    card.remark =
-        fmt::format("{} {}; {}",
-                    record::with_uncertainty(*p.reference * last.mean[d],
-                                             std::abs(*p.reference) * last.standard_deviations()[d]),
-                    units, card.remark);
-  return card;
-}
-
-Card forecast_card(const record::Results& results, const std::string& name) {
-  const record::StepForecast& f = results.steps.back().forecast.at(name);
-  const ForecastScale scale = forecast_scale(results, name);
-  const auto summary = results.forecasts.find(name);
-  Card card{scale.title,
-            record::with_uncertainty(scale.factor * f.mean, scale.factor * f.std) +
-                (scale.unit.empty() ? "" : " " + scale.unit),
-            {}};
-  const std::string unit = scale.unit.empty() ? "" : " " + scale.unit;
-  if (summary != results.forecasts.end() && summary->second.threshold)
-    card.remark =
-        fmt::format("above {}{} with probability {}, below with {}",
-                    record::plain(scale.factor * *summary->second.threshold), unit,
-                    percent(f.probability_above_threshold), percent(1 - f.probability_above_threshold));
-  else if (!f.values.empty())
-    card.remark = fmt::format("95 % in [{}, {}]{}", record::plain(scale.factor * f.values.front()),
-                              record::plain(scale.factor * f.values.back()), unit);
-  if (f.is_past) card.remark += "; already past: an estimate, not a forecast";
-  return card;
-}
-
-}  // namespace
-
-std::vector<Card> headline(const record::Results& results) {
-  std::vector<Card> cards;
-  for (std::size_t d = 0; d < results.parameters.size(); ++d) cards.push_back(parameter_card(results, d));
-  for (const auto& name : results.forecast_names()) cards.push_back(forecast_card(results, name));
-  const auto untrusted = results.untrusted();
-  const std::size_t n = results.steps.size();
-  cards.push_back({"Is the computation reliable?",
-                   untrusted.empty() ? fmt::format("all {} steps", n)
-                                     : fmt::format("{} of {} steps", n - untrusted.size(), n),
-                   !untrusted.empty() ? "not trusted: " + list_of(untrusted)
-                   : results.has_maps()
-                       ? "map verified on points not used to train it, samples cover the posterior"
-                       : "verified without a map",
-                   !untrusted.empty()});
-  const auto times = update_times(results);
-  cards.push_back(
-      {"Time of an update", duration(numerics::quantile(times, 0.5)) + " (median)",
-       fmt::format("without forecasts; 99 % below {}", duration(numerics::quantile(times, 0.99)))});
-  return cards;
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return fall[a] > fall[b]; });
+  order.resize(std::min(order.size(), count));
+  std::sort(order.begin(), order.end());
+  return order;
 }
 
 TableRow map_order_row(const record::Results& results) {
@@ -162,14 +200,9 @@ std::vector<TableRow> comparison_with_paper(const record::Results& results) {
           "softer, or both. An earlier horizon is where the length is uncertain."}});
   }
   if (results.has_maps()) rows.push_back(map_order_row(results));
-  rows.push_back({{"Time of a step, with forecasts", "less than 5 s",
-                   [&] {
-                     std::vector<double> total;
-                     for (const auto& s : results.steps) total.push_back(s.total_us);
-                     return duration(numerics::quantile(total, 0.5)) + " (median), " +
-                            duration(numerics::quantile(total, 0.99)) + " (p99)";
-                   }(),
-                   "All past data collapse into one small matrix; exact derivatives; compiled code."}});
+  rows.push_back(
+      {{"Time of a step, with forecasts", "less than 5 s", update_times(results, &record::Step::total_us),
+        "All past data collapse into one small matrix; exact derivatives; compiled code."}});
   return rows;
 }
 

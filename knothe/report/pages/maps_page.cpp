@@ -2,24 +2,22 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
 #include <filesystem>
 
+#include "knothe/base/index.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/files/atomic_file.hpp"
+#include "knothe/imaging/series/displacement_files.hpp"
+#include "knothe/report/data/report_record.hpp"
+#include "knothe/report/pages/page.hpp"
 
 namespace knothe::report {
 namespace {
 
-constexpr const char* k_head = R"(<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>Displacements from pictures</title>
-<style>
-body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 1240px; padding: 0 1rem; color: #1a1a1a; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { text-align: right; padding: .2rem .7rem; border-bottom: 1px solid #ddd; }
-th { position: sticky; top: 0; background: #fff; } td:first-child, th:first-child, td.words { text-align: left; }
-.bad td { color: #a01818; } img { max-width: 100%; } figure { margin: 2.5rem 0; } .list { max-height: 26rem; overflow: auto; }
-</style></head><body><h1>Displacements from pictures</h1>
-)";
+using Json = nlohmann::ordered_json;
+
+constexpr Index k_max_numbers = 2'000'000;  ///< of all pictures that the page can move through
 
 std::string crack_cell(const imaging::PictureResult& r, double unit) {
   if (!r.crack || !r.crack->found) return r.crack ? "none found" : "";
@@ -27,53 +25,116 @@ std::string crack_cell(const imaging::PictureResult& r, double unit) {
   return fmt::format("{:.4g} ± {:.2g}", unit * r.crack->length, unit * r.crack->length_std);
 }
 
+std::string name_of(const imaging::PictureResult& r) {
+  return std::filesystem::path(r.picture).filename().string();
+}
+
+TableRow row_of(const MappedPicture& p, bool has_crack, double unit) {
+  const imaging::PictureResult& r = *p.result;
+  const auto& c = r.correlation;
+  TableRow row{{name_of(r)}, r.missing};
+  if (r.missing) {
+    row.cells.insert(row.cells.end(), {"not measured", "", "", "", ""});
+  } else {
+    row.cells.insert(row.cells.end(), {std::to_string(c.iterations), fmt::format("{:.3g}", c.residual_rms),
+                                       fmt::format("{:.4f}", p.noise_std), fmt::format("{:.3f}", c.gain),
+                                       std::to_string(c.elements_rejected)});
+  }
+  if (has_crack) row.cells.push_back(r.missing ? "" : crack_cell(r, unit));
+  row.cells.push_back(r.missing ? r.message : r.reference.empty() ? "" : "reference: " + r.reference);
+  return row;
+}
+
+/// u and v of the nodes, in m with a frame, else px; empty where nothing was measured.
+Json picture_record(const imaging::PictureSeries& series, const MappedPicture& p,
+                    const std::optional<imaging::PictureFrame>& frame) {
+  const imaging::PictureResult& r = *p.result;
+  Json u = Json::array(), v = Json::array(), out = Json::array();
+  for (Index e = 0; e < std::ssize(r.correlation.element_valid); ++e)
+    if (r.correlation.element_valid[e] == 0) out.push_back(e);
+  const Eigen::VectorXd& pixels = r.correlation.displacement;
+  // A node without a valid element has no meaning, and is not drawn.
+  const auto number = [](double value) { return std::isfinite(value) ? value : 0.0; };
+  if (!r.missing && pixels.size() > 0) {
+    const Eigen::VectorXd values = frame ? frame->to_model(pixels) : pixels;
+    for (Eigen::Index i = 0; i + 1 < values.size(); i += 2) {
+      u.push_back(number(values[i]));
+      v.push_back(number(values[i + 1]));
+    }
+  }
+  return {{"name", name_of(r)},    {"time", imaging::time_of(series, r.index)},
+          {"u", std::move(u)},     {"v", std::move(v)},
+          {"out", std::move(out)}, {"noise", number(p.noise_std * (frame ? frame->scale() : 1))}};
+}
+
+/// What the figures are drawn from; of a long series some pictures, the last one among them.
+Json record_of(const imaging::PictureSeries& series, const std::vector<MappedPicture>& pictures,
+               const std::optional<imaging::PictureFrame>& frame) {
+  const imaging::ImageMesh& mesh = series.correlation().mesh();
+  Json points = Json::array(), cells = Json::array(), shown = Json::array();
+  std::vector<std::string> labels = {"u, to the right", "v, down"};
+  if (frame)
+    for (std::size_t k = 0; k < 2; ++k) labels[k] = fmt::format("u_{}", "xyz"[frame->components()[k]]);
+  for (int i = 0; i < mesh.node_count(); ++i) {
+    if (frame) {
+      const auto place = frame->model_point(mesh.x[i], mesh.y[i]);
+      points.push_back({place[frame->components()[0]], place[frame->components()[1]]});
+    } else {
+      points.push_back({mesh.x[i], -mesh.y[i]});
+    }
+  }
+  for (const auto& element : mesh.elements) {
+    Json cell = Json::array();
+    for (int k = 0; k < imaging::ImageMesh::nodes_of(element); ++k) cell.push_back(element[k]);
+    cells.push_back(std::move(cell));
+  }
+  const Index all = std::ssize(pictures) * 2 * mesh.node_count(), stride = 1 + (all - 1) / k_max_numbers;
+  for (Index i = 0; i < std::ssize(pictures); ++i)
+    if ((std::ssize(pictures) - 1 - i) % stride == 0)
+      shown.push_back(picture_record(series, pictures[i], frame));
+  Json record = {{"kind", "maps"},
+                 {"unit", frame ? "m" : "px"},
+                 {"labels", labels},
+                 {"up", frame ? 1 : -1},
+                 {"points", std::move(points)},
+                 {"cells", std::move(cells)},
+                 {"pictures", std::move(shown)}};
+  shorten_numbers(record, 6);
+  return record;
+}
+
 }  // namespace
 
 void write_maps_page(const std::string& folder, const imaging::PictureSeries& series,
                      const std::vector<MappedPicture>& pictures,
                      const std::optional<imaging::PictureFrame>& frame, const std::string& registration) {
+  const bool has_crack = series.options().crack.has_value();
   const double unit = frame ? 1e3 * frame->scale() : 1;
-  const char* length = frame ? "mm" : "px";
-  std::string page = k_head;
-  page += fmt::format(
-      "<p>{}; reference: {}; {} elements, {} nodes. {}</p>\n<div class=\"list\"><table><tr><th>picture",
-      counted(series.options().pictures.size(), "picture"), escape_xml(series.options().references.front()),
-      series.correlation().mesh().element_count(), series.correlation().mesh().node_count(),
-      escape_xml(registration));
-  page += fmt::format(
-      "</th><th>iterations</th><th>residual, grey levels</th><th>noise of a displacement, "
-      "px</th><th>gain</th><th>elements out</th>{}<th>remark</th></tr>\n",
-      series.options().crack ? fmt::format("<th>crack, {}</th>", length) : "");
-  for (const auto& p : pictures) {
-    const imaging::PictureResult& r = *p.result;
-    const std::string name = escape_xml(std::filesystem::path(r.picture).filename().string());
-    const auto& c = r.correlation;
-    const std::string link = p.stem.empty() ? name : fmt::format("<a href=\"#p{}\">{}</a>", r.index, name);
-    const std::string crack =
-        series.options().crack ? fmt::format("<td>{}</td>", r.missing ? "" : crack_cell(r, unit)) : "";
-    if (r.missing) {
-      page += fmt::format(
-          "<tr class=\"bad\"><td>{}</td><td colspan=\"5\">not measured</td>{}<td "
-          "class=\"words\">{}</td></tr>\n",
-          link, crack, escape_xml(r.message));
-      continue;
-    }
-    page += fmt::format(
-        "<tr><td>{}</td><td>{}</td><td>{:.3g}</td><td>{:.4f}</td><td>{:.3f}</td><td>{}</td>{}<td "
-        "class=\"words\">{}</td></tr>\n",
-        link, c.iterations, c.residual_rms, p.noise_std, c.gain, c.elements_rejected, crack,
-        r.reference.empty() ? "" : "reference: " + escape_xml(r.reference));
-  }
-  page += "</table></div>\n";
-  if (!registration.empty())
-    page += "<figure><img src=\"registration.png\" alt=\"outline on the picture\"></figure>\n";
-  for (const auto& p : pictures)
-    if (!p.stem.empty())
-      page += fmt::format(
-          "<figure id=\"p{}\"><img loading=\"lazy\" src=\"{}.png\" alt=\"maps of {}\"></figure>\n",
-          p.result->index, escape_xml(p.stem), escape_xml(p.result->picture));
-  page += "</body></html>\n";
-  files::write_text_atomically((std::filesystem::path(folder) / "index.html").string(), page);
+  Page page("Displacements from pictures",
+            fmt::format("{}; reference: {}; {} elements, {} nodes. {}",
+                        counted(series.options().pictures.size(), "picture"),
+                        series.options().references.front(), series.correlation().mesh().element_count(),
+                        series.correlation().mesh().node_count(), registration));
+  if (!pictures.empty())
+    page.figures({{"map:u", frame ? "Displacement along the first axis" : "Displacement to the right"},
+                  {"map:v", frame ? "Displacement along the second axis" : "Displacement down"},
+                  {"slice", "Displacements along the line"},
+                  {"extensometer", "The line as an extensometer, over the pictures"}},
+                 "The cursor gives values; drag on a map to draw the line. Bars in the colour scale: twice "
+                 "the noise of a displacement. Elements without a measurement are left out.");
+  std::vector<std::string> header = {
+      "picture", "iterations",  "residual, grey levels", "noise of a displacement, px",
+      "gain",    "elements out"};
+  if (has_crack) header.push_back(frame ? "crack, mm" : "crack, px");
+  header.push_back("remark");
+  std::vector<TableRow> rows;
+  for (const MappedPicture& p : pictures) rows.push_back(row_of(p, has_crack, unit));
+  page.table(header, rows);
+  if (!registration.empty()) page.image("registration.png", "outline on the picture");
+  for (const MappedPicture& p : pictures)
+    if (!p.stem.empty()) page.image(p.stem + ".png", "maps of " + p.result->picture);
+  files::write_text_atomically((std::filesystem::path(folder) / "index.html").string(),
+                               page.html(record_of(series, pictures, frame)));
 }
 
 }  // namespace knothe::report

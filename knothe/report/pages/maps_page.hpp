@@ -16,8 +16,9 @@ struct MappedPicture {
   std::string stem;      ///< its maps are STEM.png; empty: there are none
 };
 
-/// Writes FOLDER/index.html: a line for each picture (how well it was measured, its crack), and below the
-/// maps, which are files beside it. `registration`: what is to be said of the outline, whose map is
+/// Writes FOLDER/index.html: maps with values under the cursor, a line on them and its elongation, a line of
+/// a table for each picture (how well it was measured, its crack), and below the maps that are files beside
+/// it. `registration`: what is to be said of the outline, whose map is
 /// registration.png; empty: nothing. Errors: IoError.
 void write_maps_page(const std::string& folder, const imaging::PictureSeries& series,
                      const std::vector<MappedPicture>& pictures,

@@ -2,51 +2,69 @@
 
 #include <fmt/core.h>
 
+#include <algorithm>
+#include <string_view>
+
 #include "knothe/base/text.hpp"
-#include "knothe/record/number_text.hpp"
+#include "knothe/files/json_line.hpp"
 
 namespace knothe::report {
+
+/// dashboard/dist/report.html, embedded (cmake/embed_page.cmake).
+std::string_view report_template();
+
 namespace {
 
-constexpr const char* k_style = R"css(
-:root{--paper:#ffffff;--card:#f5f7f9;--ink:#1c2530;--muted:#5d6873;--grid:#dfe3e7;--line:#d5dade;--accent:#00629b;--warn:#b3261e;--caution:#b26a00;color-scheme:light dark}
-@media screen and (prefers-color-scheme:dark){:root{--paper:#14181d;--card:#1d232a;--ink:#e4e8ec;--muted:#9ea8b2;--grid:#2d343c;--line:#38414a;--accent:#7cc4f5;--warn:#ff8a80;--caution:#ffb74d}}
-*{box-sizing:border-box}
-body{margin:0;background:var(--paper);color:var(--ink);font:16px/1.55 system-ui,-apple-system,"Segoe UI",Roboto,"Helvetica Neue",Arial,sans-serif}
-main{max-width:1080px;margin:0 auto;padding:24px 18px 64px}
-h1{font-size:1.75rem;line-height:1.2;margin:.2em 0}
-h2{font-size:1.25rem;margin:2.2em 0 .5em;padding-top:.5em;border-top:1px solid var(--line)}
-p{max-width:70ch;margin:.6em 0}
-.subtitle{color:var(--muted);margin:0 0 1em}
-nav{font-size:.9rem;margin:1em 0 0}
-nav a{display:inline-block;margin:0 14px 4px 0}
-a{color:var(--accent)}
-.cards{display:grid;grid-template-columns:repeat(auto-fit,minmax(178px,1fr));gap:12px;margin:1.2em 0}
-.card{background:var(--card);border-radius:8px;padding:12px 14px;border-left:4px solid var(--accent)}
-.card.warning{border-color:var(--warn)}
-.card.caution{border-color:var(--caution)}
-.card b{display:block;font-size:.85rem;font-weight:600;color:var(--muted)}
-.card span{display:block;font-size:1.35rem;font-weight:650;line-height:1.3}
-.card small{color:var(--muted);font-size:.85rem}
-.note{border-left:4px solid var(--muted);padding-left:12px;color:var(--muted)}
-figure{margin:1em 0 1.6em;break-inside:avoid}
-.row{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,380px),1fr));gap:18px 26px}
-figcaption{color:var(--muted);font-size:.92rem;max-width:78ch;margin-top:.5em}
-.scroll{overflow-x:auto}
-table{border-collapse:collapse;font-size:.92rem;margin:1em 0}
-th,td{text-align:left;vertical-align:top;padding:7px 14px 7px 0;border-bottom:1px solid var(--line)}
-th{color:var(--muted);font-weight:600}
-td:first-child{font-weight:600}
-details{margin:1em 0}
-summary{cursor:pointer;color:var(--accent)}
-pre{background:var(--card);padding:12px;border-radius:8px;overflow-x:auto;font-size:.82rem;line-height:1.45}
-@media print{body{font-size:10.5pt}main{max-width:none;padding:0}nav{display:none}h2{break-after:avoid}.card{border:1px solid #bbb;border-left:4px solid #00629b}a{color:inherit;text-decoration:none}}
-)css";
+const char* css_class(Usability usability) {
+  return usability == Usability::usable ? "ok" : usability == Usability::with_caveats ? "caution" : "reject";
+}
+
+/// `part` for the comment `mark` of the template.
+void put(std::string& page, std::string_view mark, const std::string& part) {
+  if (const auto at = page.find(mark); at != std::string::npos) page.replace(at, mark.size(), part);
+}
+
+std::string html_of(const Table& table) {
+  std::string out = fmt::format("<div class=\"scroll{}\"><table>", table.demoted ? " demoted" : "");
+  if (!table.caption.empty()) out += "<caption>" + escape_xml(table.caption) + "</caption>";
+  if (!table.header.empty()) {
+    out += "<thead><tr>";
+    for (const auto& cell : table.header) out += "<th>" + escape_xml(cell) + "</th>";
+    out += "</tr></thead>";
+  }
+  out += "<tbody>";
+  for (const TableRow& row : table.rows) {
+    out += row.expired ? "<tr class=\"expired\">" : "<tr>";
+    for (const auto& cell : row.cells) out += "<td>" + escape_xml(cell) + "</td>";
+    out += "</tr>";
+  }
+  return out + "</tbody></table></div>";
+}
 
 }  // namespace
 
+std::string result_words(Usability usability) {
+  switch (usability) {
+    case Usability::usable:
+      return "usable";
+    case Usability::with_caveats:
+      return "usable with caveats";
+    case Usability::not_usable:
+      return "do not use";
+  }
+  return {};
+}
+
 Page::Page(std::string title, std::string subtitle)
     : title_(std::move(title)), subtitle_(std::move(subtitle)) {}
+
+Page& Page::result(Usability usability, const std::vector<std::string>& sentences) {
+  banner_ = fmt::format("<div class=\"result {}\" role=\"status\"><b class=\"word\">Result: {}</b><div>",
+                        css_class(usability), result_words(usability));
+  for (const std::string& sentence : sentences) banner_ += "<p>" + escape_xml(sentence) + "</p>";
+  banner_ += "</div></div>\n";
+  return *this;
+}
 
 Page& Page::section(const std::string& heading) {
   headings_.push_back({fmt::format("s{}", headings_.size() + 1), heading});
@@ -64,43 +82,32 @@ Page& Page::note(const std::string& text) {
   return *this;
 }
 
-Page& Page::cards(const std::vector<Card>& cards) {
-  body_ += "<div class=\"cards\">";
-  for (const auto& card : cards)
-    body_ += fmt::format("<div class=\"card{}\"><b>{}</b><span>{}</span><small>{}</small></div>",
-                         card.warning   ? " warning"
-                         : card.caution ? " caution"
-                                        : "",
-                         escape_xml(card.name), escape_xml(card.value), escape_xml(card.remark));
+Page& Page::figures(const std::vector<FigurePlace>& figures, const std::string& caption) {
+  if (figures.empty()) return *this;
+  body_ += "<div class=\"row\">";
+  for (const FigurePlace& figure : figures)
+    body_ += fmt::format("<figure data-figure=\"{}\"><figcaption><b>Figure {}.</b> {}</figcaption></figure>",
+                         escape_xml(figure.id), ++figures_, escape_xml(figure.title));
+  body_ += "</div>\n";
+  if (!caption.empty()) body_ += "<p class=\"caption\">" + escape_xml(caption) + "</p>\n";
+  return *this;
+}
+
+Page& Page::tables(const std::vector<Table>& tables) {
+  body_ += "<div class=\"tables\">";
+  for (const Table& table : tables) body_ += "<div>" + html_of(table) + "</div>";
   body_ += "</div>\n";
   return *this;
 }
 
-Page& Page::figure(const Figure& figure, const std::string& caption) {
-  return figures({figure}, caption);
-}
-
-Page& Page::figures(const std::vector<Figure>& figures, const std::string& caption) {
-  body_ += "<figure><div class=\"row\">";
-  for (const auto& figure : figures) body_ += "<div>" + inline_svg(figure) + "</div>";
-  body_ += "</div><figcaption>" + escape_xml(caption) + "</figcaption></figure>\n";
+Page& Page::table(const std::vector<std::string>& header, const std::vector<TableRow>& rows) {
+  body_ += html_of({{}, header, rows}) + "\n";
   return *this;
 }
 
-Page& Page::table(const std::vector<std::string>& header, const std::vector<TableRow>& rows) {
-  body_ += "<div class=\"scroll\"><table>";
-  if (!header.empty()) {
-    body_ += "<thead><tr>";
-    for (const auto& cell : header) body_ += "<th>" + escape_xml(cell) + "</th>";
-    body_ += "</tr></thead>";
-  }
-  body_ += "<tbody>";
-  for (const auto& row : rows) {
-    body_ += "<tr>";
-    for (const auto& cell : row.cells) body_ += "<td>" + escape_xml(cell) + "</td>";
-    body_ += "</tr>";
-  }
-  body_ += "</tbody></table></div>\n";
+Page& Page::image(const std::string& file, const std::string& words) {
+  body_ += fmt::format("<p><img loading=\"lazy\" src=\"{}\" alt=\"{}\"/></p>\n", escape_xml(file),
+                       escape_xml(words));
   return *this;
 }
 
@@ -110,15 +117,29 @@ Page& Page::details(const std::string& heading, const std::string& text) {
   return *this;
 }
 
-std::string Page::html() const {
+std::string Page::html(const nlohmann::ordered_json& record) const {
   std::string links;
   for (const auto& heading : headings_)
     links += fmt::format("<a href=\"#{}\">{}</a>", heading.id, escape_xml(heading.text));
-  return "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/>"
-         "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"/><title>" +
-         escape_xml(title_) + "</title><style>" + k_style + figure_css() +
-         "</style></head>\n<body><main><h1>" + escape_xml(title_) + "</h1><p class=\"subtitle\">" +
-         escape_xml(subtitle_) + "</p><nav>" + links + "</nav>\n" + body_ + "</main></body></html>\n";
+  std::string body = "<main>\n<div class=\"title\"><h1>" + escape_xml(title_) +
+                     "</h1><div id=\"controls\"></div></div>\n<p class=\"subtitle\">" +
+                     escape_xml(subtitle_) + "</p>\n" + banner_;
+  if (figures_ > 0)
+    body +=
+        "<p class=\"note scriptless\">Figures need JavaScript; the result, the numbers and the tables "
+        "do not.</p>\n";
+  // Where to go on is said behind the first screen.
+  const std::size_t first = std::min(body_.find("<h2"), body_.size());
+  body += body_.substr(0, first) + "<nav>" + links + "</nav>\n" + body_.substr(first) + "</main>";
+  // What ends a script element, or opens a comment in it, is written otherwise.
+  std::string json = files::json_line(record);
+  for (std::size_t at = json.find('<'); at != std::string::npos; at = json.find('<', at + 1))
+    json.replace(at, 1, "\\u003c");
+  std::string page(report_template());
+  put(page, "<!--TITLE-->", escape_xml(title_));
+  put(page, "<!--BODY-->", body);
+  put(page, "<!--RECORD-->", json);
+  return page;
 }
 
 }  // namespace knothe::report

@@ -6,8 +6,8 @@
 #include <nlohmann/json.hpp>
 
 #include "knothe/record/number_text.hpp"
-#include "knothe/report/figures/mesh_view.hpp"
-#include "knothe/report/figures/model_figures.hpp"
+#include "knothe/report/data/report_record.hpp"
+#include "knothe/report/data/specimen.hpp"
 #include "knothe/report/pages/page.hpp"
 
 namespace knothe::report {
@@ -22,7 +22,7 @@ ordered_json by_name(const std::vector<std::string>& names, const Eigen::VectorX
   return object;
 }
 
-/// √(Σ_t (∂u/∂p)²) of one component, times the prior's std, µm, at the nodes of the face.
+/// √(Σ_t (∂u/∂p)²) of one component, times the prior's std, m, at the nodes of the face.
 std::vector<double> field_on_face(const model::SeparatedModel& model, const OuterFace& face, int component,
                                   Eigen::Index parameter, const Eigen::VectorXd& at, double prior_std) {
   const std::vector<std::ptrdiff_t> dofs = dofs_of_face(face, model.contents().dofs, component);
@@ -33,59 +33,51 @@ std::vector<double> field_on_face(const model::SeparatedModel& model, const Oute
   const Eigen::MatrixXd s = assimilation::sensitivity_over_time(model::observe_dofs(model, present), at);
   std::vector<double> values;
   Eigen::Index next = 0;
-  for (const std::ptrdiff_t dof : dofs)
-    values.push_back(dof < 0 ? 0 : 1e6 * prior_std * s(next++, parameter));
+  for (const std::ptrdiff_t dof : dofs) values.push_back(dof < 0 ? 0 : prior_std * s(next++, parameter));
   return values;
 }
 
-Figure field_figure(const project::SelectionSetup& setup, const assimilation::SelectionStudy& study) {
+/// What each parameter moves, by component, and the dofs that were chosen there.
+void add_fields(ordered_json& record, const project::SelectionSetup& setup,
+                const assimilation::SelectionStudy& study) {
   const OuterFace face = outer_face(*setup.model.contents().mesh);
-  Figure figure{"Sensitivity fields", {}};
-  figure.columns = 2;
+  record["specimen"] = face_record(face);
+  record["fields"] = ordered_json::array();
   for (std::size_t k = 0; k < setup.model.dimension(); ++k) {
     for (int component = 0; component < 2; ++component) {
-      const std::string name = setup.model.parameter_names()[k];
-      const auto values =
-          field_on_face(setup.model, face, component, k, setup.problem.at, study.prior_std[k]);
-      Plot plot = mesh_plot(fmt::format("{}, {} displacement", name, k_letters[component]), face, values, {},
-                            "root of the sum over time, µm per prior std");
-      std::vector<double> x, y;
+      ordered_json x = ordered_json::array(), y = ordered_json::array();
       for (const assimilation::RankedDof& r : study.ranked) {
         if (setup.sensors.components[r.dof] != component) continue;
         x.push_back(setup.problem.positions(r.dof, 0));
         y.push_back(setup.problem.positions(r.dof, 1));
       }
-      if (!x.empty()) plot.scatter(x, y, Paint::series(1), "chosen", 3.5);
-      figure.plots.push_back(std::move(plot));
+      record["fields"].push_back(
+          {{"title",
+            fmt::format("{}, {} displacement", setup.model.parameter_names()[k], k_letters[component])},
+           {"value", field_on_face(setup.model, face, component, k, setup.problem.at, study.prior_std[k])},
+           {"units", "m"},
+           {"chosen", {{"x", std::move(x)}, {"y", std::move(y)}}}});
     }
   }
-  figure.plot_height = plot_height_of(face, figure.plot_width);
-  return figure;
 }
 
-Figure curve_figure(const project::SelectionSetup& setup, const assimilation::SelectionStudy& study) {
-  Figure figure{"Posterior standard deviation against number of dofs", {}};
-  figure.columns = 2;
-  for (std::size_t k = 0; k < setup.model.dimension(); ++k) {
-    const Eigen::Index j = k;
-    const std::string name = setup.model.parameter_names()[k];
-    PlotAxis vertical{"posterior std of " + name};
-    vertical.logarithmic = true;
-    Plot plot(name, {"number of dofs"}, vertical);
-    int colour = 0;
-    for (const assimilation::SelectionCurve& curve : study.curves) {
-      std::vector<double> x = {0}, y = {study.prior_std[j]};
-      for (Eigen::Index i = 0; i < curve.posterior_std.rows(); ++i) {
-        x.push_back(i + 1);
-        y.push_back(curve.posterior_std(i, j));
-      }
-      plot.line(x, y, Paint::series(colour++), curve.name);
-    }
-    plot.horizontal(study.posterior_std_of_all[j], Paint::truth(),
-                    fmt::format("all {} dofs", setup.candidates.size()));
-    figure.plots.push_back(std::move(plot));
+/// What the figures are drawn from.
+ordered_json record_of(const project::SelectionSetup& setup, const assimilation::SelectionStudy& study) {
+  const auto list = [](const auto& values) { return std::vector<double>(values.begin(), values.end()); };
+  ordered_json record = {{"kind", "selection"},
+                         {"parameters", setup.model.parameter_names()},
+                         {"prior_std", list(study.prior_std)},
+                         {"all_std", list(study.posterior_std_of_all)},
+                         {"candidates", setup.candidates.size()},
+                         {"curves", ordered_json::array()}};
+  for (const assimilation::SelectionCurve& curve : study.curves) {
+    ordered_json std = ordered_json::array();
+    for (const auto& row : curve.posterior_std.rowwise()) std.push_back(list(row));
+    record["curves"].push_back({{"name", curve.name}, {"std", std::move(std)}});
   }
-  return figure;
+  if (can_be_drawn(setup.model)) add_fields(record, setup, study);
+  shorten_numbers(record, 5);
+  return record;
 }
 
 }  // namespace
@@ -130,21 +122,27 @@ std::string selection_page(const project::Project& project, const project::Selec
   const std::vector<std::string> names = setup.model.parameter_names();
   Page page("Data selection", fmt::format("{}: {} of {} dofs by {}", project.path, study.ranked.size(),
                                           setup.candidates.size(), to_text(project.select.criterion)));
-  std::vector<Card> cards;
+  const ordered_json record = record_of(setup, study);
+  Table table{"Standard deviation", {"parameter", "prior", "chosen dofs", "all dofs"}, {}};
+  std::vector<FigurePlace> curves, fields;
   for (std::size_t k = 0; k < names.size(); ++k) {
     const Eigen::Index j = k;
-    cards.push_back({"std of " + names[k], record::readable(study.ranked.back().posterior_std[j]),
-                     fmt::format("prior {}, all dofs {}", record::readable(study.prior_std[j]),
-                                 record::readable(study.posterior_std_of_all[j]))});
+    table.rows.push_back({{names[k], record::readable(study.prior_std[j]),
+                           record::readable(study.ranked.back().posterior_std[j]),
+                           record::readable(study.posterior_std_of_all[j])}});
+    curves.push_back({fmt::format("curve:{}", k),
+                      fmt::format("Posterior standard deviation of {} against number of dofs", names[k])});
   }
-  page.cards(cards);
-  page.section("Posterior standard deviation against number of dofs");
-  page.figure(curve_figure(setup, study),
-              "Linearised at one point of the box; information of all steps. The same number of dofs, chosen "
-              "in different ways, and all of them.");
+  page.tables({table});
+  page.figures(
+      curves,
+      "Linearised at one point of the box; information of all steps. The same number of dofs, chosen "
+      "in different ways, and all of them.");
   page.section("Sensitivity fields");
-  if (can_be_drawn(setup.model)) {
-    page.figure(field_figure(setup, study), "What each parameter moves, and the chosen dofs.");
+  if (record.contains("fields")) {
+    for (const auto& [key, field] : record.at("fields").items())
+      fields.push_back({"field:" + key, field.at("title").get<std::string>()});
+    page.figures(fields, "What each parameter moves, and the chosen dofs.");
   } else {
     page.note("The model has no mesh to draw on.");
   }
@@ -161,7 +159,7 @@ std::string selection_page(const project::Project& project, const project::Selec
           record::readable(r.score), assimilation::explain(study, i, names)}});
   }
   page.table({"Rank", "Dof", "Component and point", "Score", "Why"}, rows);
-  return page.html();
+  return page.html(record);
 }
 
 }  // namespace knothe::report

@@ -1,0 +1,171 @@
+// Reports as the program writes them (KNOTHE_REPORTS: their paths, colon between), in headless Chromium: nothing is asked for outside, no
+// complaint, every figure is drawn, explored and saved; without JavaScript; on a phone; on paper. Screenshots are in out/.
+import assert from "node:assert/strict";
+import { mkdirSync, readFileSync } from "node:fs";
+import { basename, dirname, join } from "node:path";
+import { test } from "node:test";
+import { fileURLToPath } from "node:url";
+import { launch } from "./browser.mjs";
+
+const out = join(dirname(dirname(fileURLToPath(import.meta.url))), "out");
+mkdirSync(out, { recursive: true });
+const reports = (process.env.KNOTHE_REPORTS ?? "").split(":").filter(Boolean);
+assert.ok(reports.length > 0, "KNOTHE_REPORTS names no report");
+const screen = { width: 1366, height: 768 };
+const browser = await launch();
+test.after(() => browser.close());
+
+/** The report in a window of its own; what it complained of, and asked for. */
+async function open(report, look = {}) {
+  const context = await browser.newContext({ viewport: screen, acceptDownloads: true, ...look });
+  const page = await context.newPage();
+  page.setDefaultTimeout(120000); // on a busy machine
+  const complaints = [];
+  page.on("pageerror", (error) => complaints.push(String(error.stack)));
+  page.on("console", (message) => complaints.push(`${message.type()}: ${message.text()}`));
+  page.on("request", (request) => {
+    if (request.url() !== `file://${report}` && !/^(data|blob):/.test(request.url()))
+      complaints.push(`asked for ${request.url()}`);
+  });
+  await page.goto(`file://${report}`);
+  return { page, context, complaints };
+}
+
+const drawn = (page) =>
+  page.waitForFunction(() =>
+    [...document.querySelectorAll("figure[data-figure]")].every(
+      (f) => f.querySelector(".screen") && f.querySelector(".paper svg"),
+    ),
+  );
+
+for (const report of reports) {
+  const name = basename(report, ".html");
+  for (const colorScheme of ["light", "dark"])
+    test(`${name}: every figure is drawn, ${colorScheme}, and nothing is asked for`, async () => {
+      const { page, context, complaints } = await open(report, { colorScheme });
+      await drawn(page);
+      assert.equal(await page.locator("figure .none").count(), 0, "a figure with nothing to draw");
+      await page.screenshot({ path: join(out, `${name}-${colorScheme}.png`) });
+      assert.equal(await page.evaluate(() => document.documentElement.dataset.colours), colorScheme);
+      // A canvas that holds one colour alone has nothing on it.
+      const bare = await page.evaluate(
+        () =>
+          [...document.querySelectorAll("figure canvas")].filter((canvas) => {
+            const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+            const pixels = new Uint32Array(data.buffer);
+            return pixels.every((p) => p === pixels[0]);
+          }).length,
+      );
+      assert.equal(bare, 0, "a plot without anything on it");
+      assert.deepEqual(complaints, []);
+      await context.close();
+    });
+
+  test(`${name}: figures are numbered, and saved as SVG, PNG and CSV`, async () => {
+    const { page, context, complaints } = await open(report);
+    await drawn(page);
+    const captions = await page.locator("figcaption b").allInnerTexts();
+    assert.deepEqual(
+      captions,
+      captions.map((_, i) => `Figure ${i + 1}.`),
+    );
+    const figure = page.locator("figure[data-figure]").first();
+    await figure.scrollIntoViewIfNeeded();
+    const content = {};
+    for (const format of ["SVG", "PNG", "CSV"]) {
+      const [download] = await Promise.all([
+        page.waitForEvent("download"),
+        figure.getByRole("button", { name: new RegExp(`${format}$`) }).click({ force: true }),
+      ]);
+      content[format] = readFileSync(await download.path());
+    }
+    assert.match(content.SVG.toString(), /^<svg xmlns="http:\/\/www\.w3\.org\/2000\/svg"/);
+    assert.equal(content.PNG.subarray(1, 4).toString(), "PNG");
+    assert.match(content.CSV.toString(), /\r\n/);
+    assert.deepEqual(complaints, []);
+    await context.close();
+  });
+
+  test(`${name}: the cursor gives values, and dragging zooms`, async () => {
+    const { page, context } = await open(report);
+    await drawn(page);
+    const plot = page.locator("figure .u-over").first();
+    await plot.scrollIntoViewIfNeeded();
+    const { x, y, width, height } = await plot.boundingBox();
+    await page.mouse.move(x + width / 2, y + height / 2);
+    const legend = page.locator("figure:has(.u-over) .legend").first();
+    await page.waitForFunction(
+      (l) => /\d/.test([...l.querySelectorAll("b")].map((b) => b.textContent).join("")),
+      await legend.elementHandle(),
+    );
+    const ticks = () =>
+      page
+        .locator("figure canvas")
+        .first()
+        .evaluate((c) => c.toDataURL().length);
+    const before = await ticks();
+    await page.mouse.move(x + 0.3 * width, y + height / 2);
+    await page.mouse.down();
+    await page.mouse.move(x + 0.6 * width, y + height / 2, { steps: 4 });
+    await page.mouse.up();
+    await page.waitForFunction(
+      ([c, n]) => c.toDataURL().length !== n,
+      [await page.locator("figure canvas").first().elementHandle(), before],
+    );
+    await context.close();
+  });
+
+  test(`${name}: without JavaScript the numbers and tables read, and no place for a figure is left`, async () => {
+    const { page, context } = await open(report, { javaScriptEnabled: false });
+    assert.match(await page.locator("h1").innerText(), /\w/);
+    assert.ok((await page.locator("table td").count()) > 2);
+    assert.equal(await page.locator("figure:visible").count(), 0);
+    assert.equal(await page.locator(".scriptless:visible").count(), 1);
+    const result = page.locator(".result .word");
+    if (await result.count())
+      assert.match(await result.innerText(), /^Result: (usable|usable with caveats|do not use)$/);
+    await context.close();
+  });
+
+  test(`${name}: nothing is wider than a phone`, async () => {
+    const { page, context } = await open(report, { viewport: { width: 390, height: 844 } });
+    await drawn(page);
+    assert.ok((await page.evaluate(() => document.documentElement.scrollWidth)) <= 390);
+    await context.close();
+  });
+
+  test(`${name}: at most eight pages of paper`, async () => {
+    const { page, context } = await open(report);
+    await drawn(page);
+    const pdf = await page.pdf({ format: "A4", path: join(out, `${name}.pdf`) });
+    const pages = pdf.toString("latin1").match(/\/Type\s*\/Page[^s]/g).length;
+    assert.ok(pages <= 8, `${pages} pages`);
+    await context.close();
+  });
+}
+
+const assimilation = reports.find((r) => readFileSync(r, "utf8").includes('{"kind":"assimilation"'));
+if (assimilation)
+  test("first screen: the result, the specimen, a measured signal, the load curve, the parameters", async () => {
+    const { page, context } = await open(assimilation);
+    await drawn(page);
+    for (const place of [
+      ".result .word",
+      '[data-figure="specimen"] svg',
+      '[data-figure="measured:0"] canvas',
+      '[data-figure="load"] canvas',
+      ".tables table tbody tr",
+    ]) {
+      const { y, height } = await page.locator(place).first().boundingBox();
+      assert.ok(y >= 0 && y + height <= screen.height, `${place} ends at ${y + height}`);
+    }
+    // The slider moves what is drawn: the shape of the specimen is that of another time.
+    const shape = () => page.locator('[data-figure="specimen"] .mesh').innerHTML();
+    const last = await shape();
+    await page.locator(".steps input").fill("0");
+    await page.waitForFunction(
+      (before) => document.querySelector('[data-figure="specimen"] .mesh').innerHTML !== before,
+      last,
+    );
+    await context.close();
+  });
