@@ -51,8 +51,9 @@ class ModelEvaluator {
   [[nodiscard]] bool has_jacobian() const { return own_.jacobian && model_->has_jacobian(); }
   [[nodiscard]] bool has_hessian() const { return own_.hessian && model_->has_hessian(); }
 
-  /// An evaluation and a product with a Jacobian or Hessian count 1, a gradient `k_gradient_cost`. Calls that an earlier run made
-  /// count when they are asked for, so that a run that goes on does what it would have done at once.
+  /// An evaluation and a product with a Jacobian or Hessian count 1, a gradient `k_gradient_cost`. Calls that
+  /// an earlier run made count when they are asked for, so that a run that goes on does what it would have
+  /// done at once.
   static constexpr std::int64_t k_gradient_cost = 4;
   [[nodiscard]] std::int64_t spent() const;
   /// From here on no call is made that would bring `spent` above this; BudgetSpent is thrown in its place.
