@@ -128,7 +128,7 @@ std::optional<Tried> WhatIfCauses::factor_of(const Eigen::VectorXd& rows, const 
 void WhatIfCauses::try_factors() {
   const model::Sensors& sensors = tests_.sensors();
   const Index n = tests_.noise().size();
-  const auto displacements = sensors.size() == 0 ? n : static_cast<Index>(sensors.displacement_count());
+  const Index displacements = sensors.size() == 0 ? n : Index(sensors.displacement_count());
   if (displacements > 0) {
     Eigen::VectorXd rows = Eigen::VectorXd::Zero(n);
     rows.head(displacements).setOnes();
@@ -246,7 +246,7 @@ void WhatIfCauses::try_offsets() {
 /// A factor on one side of a line: where the factors that the sensors would have each differ most.
 void WhatIfCauses::try_regions() {
   const model::Sensors& sensors = tests_.sensors();
-  const auto n = static_cast<Index>(sensors.displacement_count());
+  const Index n = sensors.displacement_count();
   if (n < 8 || few_.size() < 4) return;
   WhatIf each;
   each.own_factors = true;

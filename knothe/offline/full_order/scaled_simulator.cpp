@@ -48,9 +48,9 @@ struct Place {
   double share;  ///< of the next
 };
 Place place_of(double steps) {
-  const double nearest = std::round(steps);
-  if (std::abs(steps - nearest) < 1e-9) return {static_cast<Index>(nearest), 0};
-  return {static_cast<Index>(std::floor(steps)), steps - std::floor(steps)};
+  const Index nearest = std::round(steps), below = std::floor(steps);
+  if (std::abs(steps - nearest) < 1e-9) return {nearest, 0};
+  return {below, steps - below};
 }
 
 }  // namespace

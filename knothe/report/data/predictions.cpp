@@ -145,7 +145,7 @@ void add_series(const record::Results& results, Predictions& into) {
     std::vector<double> time;
     for (const double step : fit.step) {
       const auto found = std::find_if(results.steps.begin(), results.steps.end(), [&](const record::Step& s) {
-        return static_cast<double>(s.step) == step;
+        return s.step == step;
       });
       time.push_back(found == results.steps.end() ? step : found->time);
     }

@@ -40,10 +40,10 @@ std::string interval(double low, double high, double std) {
 }
 
 /// Of a parameter: with the reduced model's own error, where the verdict knows it.
-double total_std(const record::Results& results, std::size_t d) {
+double total_std(const record::Results& results, Index d) {
   const double std = results.steps.back().standard_deviations()[d];
   const auto& shift = results.verdict.model_shift_std;
-  return static_cast<Eigen::Index>(d) < shift.size() ? std * std::hypot(1.0, shift[d]) : std;
+  return d < shift.size() ? std * std::hypot(1.0, shift[d]) : std;
 }
 
 TableRow parameter_row(const record::Results& results, std::size_t d) {
