@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { spawn } from "node:child_process";
 import { once } from "node:events";
-import { readFileSync, rmSync } from "node:fs";
+import { readFileSync, readdirSync, rmSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { test } from "node:test";
 import { fileURLToPath } from "node:url";
@@ -167,7 +167,9 @@ test("the page on the real service", async (t) => {
 
   // Another specimen under the page that was left open: nothing of the one before stays.
   await service.stop("SIGINT");
-  for (const part of ["", "-wal", "-shm"]) rmSync(project.replace(/\.toml$/, `.journal${part}`), { force: true });
+  const folder = dirname(project);
+  for (const name of readdirSync(folder).filter((name) => name.includes(".journal")))
+    rmSync(join(folder, name), { recursive: true });
   service = await serve(port);
   await until(page, "#contact", /^connected/);
   for (const datum of data.slice(0, 3)) await post(datum);

@@ -60,6 +60,14 @@ Trust trust_of(const MetropolisResult& chains) {
   return trust;
 }
 
+std::string heavy_tail_in_words(double tail_shape) {
+  if (tail_shape <= k_trusted_tail_shape) return {};
+  return fmt::format(
+      "a tail is so heavy (it falls as distance^-{:.1f}; a standard deviation is infinite from 2 on) that "
+      "standard deviations are infinite or barely finite: use the quantiles, which hold",
+      1 / tail_shape);
+}
+
 Trust trust_of(const ImportanceResult& draws, double temperature) {
   Trust trust;
   trust.figures = fmt::format(
@@ -69,12 +77,9 @@ Trust trust_of(const ImportanceResult& draws, double temperature) {
       100 * draws.deviation_error);
   trust.trusted = draws.converged && !draws.mass_beyond && draws.tail_shape <= k_trusted_tail_shape;
   if (trust.trusted) return trust;
-  if (draws.tail_shape > k_trusted_tail_shape)
-    trust.reason = fmt::format(
-        "a tail is so heavy (it falls as distance^-{:.1f}; a standard deviation is infinite from 2 on) that "
-        "standard deviations are infinite or barely finite: use the quantiles, which hold",
-        1 / draws.tail_shape);
-  else if (draws.converged && draws.mass_beyond)
+  trust.reason = heavy_tail_in_words(draws.tail_shape);
+  if (!trust.reason.empty()) return trust;
+  if (draws.converged && draws.mass_beyond)
     trust.reason =
         "walks from the outermost draws still find mass that hardly any draw stands for; raise evaluations, "
         "or "

@@ -55,6 +55,8 @@ struct QuadratureFigures {
 /// Heaviest tail (`tail_shape_of`) of variables whose standard deviations are trusted; at ½ they are
 /// infinite.
 inline constexpr double k_trusted_tail_shape = 0.43;
+/// Why standard deviations are not trusted; empty where they are.
+[[nodiscard]] std::string heavy_tail_in_words(double tail_shape);
 /// Trusted: four standard errors of a mean are below 0.1 standard deviations, of a standard deviation below
 /// 5 %, no tail as heavy as above, and no mass found beyond the draws. `temperature`: β of the last round,
 /// below 1 where tempering did not reach the posterior.

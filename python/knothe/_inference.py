@@ -150,7 +150,7 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
         Number of draws.
     evaluations : int
         Budget: points at which `model` and, each counting once per parameter (of a density four times), `jacobian` are asked.
-        0: 20,000, or twice `samples` if that is more; no limit for ``mcmc``.
+        0: 20,000, or twice `samples` if that is more; 100,000 for ``transport``; no limit for ``grid`` and ``mcmc``.
     seed : int
         Of the random numbers.
     results : path, optional

@@ -358,12 +358,12 @@ class Twin:
 
     @property
     def posterior(self) -> "xarray.Dataset":
-        """500 draws from the posterior of all data, dims (chain, draw), a variable for each parameter, in its unit.
+        """1,000 draws from the posterior of all data, dims (chain, draw), a variable for each parameter, in its unit.
 
         Examples
         --------
         >>> dict(twin.posterior.sizes)
-        {'chain': 1, 'draw': 500}
+        {'chain': 4, 'draw': 250}
         """
         return self.last.to_xarray()["posterior"]
 

@@ -384,6 +384,8 @@ class Test(InferCase):
         self.serve(model)
         self.use_density()
         self.set_priors(*(f'{name} = {{ prior = "normal", mean = 0.0, std = 2.0 }}' for name in parameters))
+        if "transport" in arguments:  # 100,000 by default
+            self.edit("[method]", "[method]\nevaluations = 20000")
         line = self.infer(*arguments, status=status)
         calls = self.server_calls()
         self.assertLessEqual(sum(calls.get(route, 0) for route in ("/Evaluate", "/Gradient")), 20000)
@@ -412,6 +414,7 @@ class Test(InferCase):
 
     def test_the_budget_is_kept_and_goes_on(self):
         self.serve("banana")
+        self.set_observations("values = [0.5, 0.0]", "std = [0.4, 0.3]")
         self.edit("[method]", "[method]\nevaluations = 3000")
         line = self.infer("--method", "smc", status=6)
         self.assertIn("The budget of 3000 calls is spent: evaluations = 6000 goes on from here.", line["verdict"])

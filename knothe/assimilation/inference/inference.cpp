@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "knothe/assimilation/inference/finite_integral.hpp"
@@ -65,15 +66,27 @@ class Limit {
 
 std::int64_t budget_of(const InferenceOptions& options, const InferenceResult& r,
                        const ModelEvaluator& evaluator) {
-  constexpr std::int64_t k_default = 20000;
+  constexpr std::int64_t k_default = 20'000, k_of_map = 100'000;
   if (options.evaluations > 0) return options.evaluations;
-  if (r.method == Method::markov_chain || evaluator.model().is_cheap()) return ModelEvaluator::k_no_budget;
+  if (r.method == Method::transport && !evaluator.model().is_cheap()) return k_of_map;
+  const bool is_by_draws = r.method == Method::sequential_monte_carlo;
+  if (!is_by_draws || evaluator.model().is_cheap()) return ModelEvaluator::k_no_budget;
   return std::max<std::int64_t>(k_default, 2 * options.samples);
 }
 
-/// A map says nothing of what its points never reach: tails heavier than its own, the end of a funnel.
+/// A map says nothing of what its points never reach: the end of a funnel. And moments of a tail that it has
+/// right may be infinite.
 void look_beyond(PosteriorDensity& posterior, const posterior::MapResult& map, std::uint64_t seed,
                  posterior::ImportanceCorrection& correction) {
+  // A map has few points: one at six standard deviations tells much of theirs, and all is well.
+  constexpr double k_hardly_any = 30;  // times as much mass as the map has there
+  constexpr Eigen::Index k_draws = 20'000;
+  if (!correction.trust.trusted) return;
+  const Eigen::MatrixXd draws =
+      posterior.parameters(map.evaluate(numerics::sobol_normal_points(k_draws, posterior.dimension(), seed)));
+  correction.trust.reason = posterior::heavy_tail_in_words(
+      posterior::tail_shape_of(draws, Eigen::VectorXd::Constant(k_draws, 1.0 / k_draws)));
+  correction.trust.trusted = correction.trust.reason.empty();
   if (!correction.trust.trusted) return;
   posterior::CheckedDensity target(posterior);
   const posterior::CheckedDensity::Leniency lenient(target);
@@ -83,7 +96,9 @@ void look_beyond(PosteriorDensity& posterior, const posterior::MapResult& map, s
       target,
       {correction.points, variables, correction.weights,
        [&](const Eigen::MatrixXd& z, const Eigen::VectorXd& log_density) -> Eigen::VectorXd {
-         return (log_density - map.log_density(z)).array() - (correction.log_evidence + log_n);
+         const Eigen::ArrayXd ratio = (log_density - map.log_density(z)).array() - correction.log_evidence;
+         return (ratio > std::log(k_hardly_any))
+             .select(ratio - log_n, -std::numeric_limits<double>::infinity());
        },
        in_parameters(posterior)},
       {.seed = seed});

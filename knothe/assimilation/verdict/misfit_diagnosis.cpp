@@ -95,7 +95,8 @@ class Diagnostician {
         factor};
   }
 
-  /// Many values of a group are its largest, to the last digit: the range of the sensors ends there.
+  /// Many values of a group are its largest, to the last digit: the range of the sensors ends there. One
+  /// sensor alone is named by `few_sensors`.
   [[nodiscard]] std::optional<Diagnosis> saturation() const {
     const auto groups = std::max<Index>(1, std::ssize(tests_.group_names()));
     Eigen::MatrixXd values = all_.values();
@@ -114,7 +115,8 @@ class Diagnostician {
       each([&](double& v) { v = std::abs(v) == largest ? std::nan("") : v; });
       equal += here, end = largest;
     }
-    if (equal == 0 || !fits(all_.with(values))) return {};
+    const Index sensors = (values.array().isNaN() && !all_.values().array().isNaN()).rowwise().any().count();
+    if (sensors < 2 || !fits(all_.with(values))) return {};
     return Diagnosis{MisfitCause::saturation,
                      fmt::format("{} values are {:.6g} to the last digit, all others fit: the range of the "
                                  "sensors ends there; give these as missing",

@@ -68,18 +68,19 @@ std::string csv_of(const Opened& opened) {
   const auto& setup = opened.model.setup;
   const model::Sensors& sensors = setup.measurements.sensors;
   const Eigen::VectorXd std = setup.measurements.noise.measurement().standard_deviations();
+  const auto value = [](double v) { return std::isnan(v) ? "" : files::format_number(v); };
   for (const JournalEntry& entry : opened.entries) {
     const std::vector<double> values = entry.measurement.effective_values();
     for (std::size_t i = sensors.displacement_count(); i < values.size(); ++i)
       text += fmt::format("{0},{1},,,,{1},{2},{3}\n", files::format_number(entry.measurement.time),
-                          sensors.scalars[i - sensors.displacement_count()], files::format_number(values[i]),
+                          sensors.scalars[i - sensors.displacement_count()], value(values[i]),
                           files::format_number(std[i]));
     for (std::size_t i = 0; i < sensors.displacement_count(); ++i) {
       const auto at = sensors.point(i);
-      text += fmt::format("{},s{},{},{},{},{},{},{}\n", files::format_number(entry.measurement.time), i,
-                          files::format_number(at[0]), files::format_number(at[1]),
-                          files::format_number(at[2]), "xyz"[sensors.components[i]],
-                          files::format_number(values[i]), files::format_number(std[i]));
+      text +=
+          fmt::format("{},s{},{},{},{},{},{},{}\n", files::format_number(entry.measurement.time), i,
+                      files::format_number(at[0]), files::format_number(at[1]), files::format_number(at[2]),
+                      "xyz"[sensors.components[i]], value(values[i]), files::format_number(std[i]));
     }
   }
   return text;
