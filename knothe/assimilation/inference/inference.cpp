@@ -78,8 +78,12 @@ std::int64_t budget_of(const InferenceOptions& options, const InferenceResult& r
 /// right may be infinite.
 void look_beyond(PosteriorDensity& posterior, const posterior::MapResult& map, std::uint64_t seed,
                  posterior::ImportanceCorrection& correction) {
-  // A map has few points: one at six standard deviations tells much of theirs, and all is well.
+  // Less than this, as at a hard end of a prior, is what weights are for; and an end near the mean has little
+  // mass.
   constexpr double k_hardly_any = 30;  // times as much mass as the map has there
+  constexpr double k_far = 3;          // standard deviations
+  // Where the map is right, one of its few points may move a moment by all that is tolerated, not a third.
+  constexpr double k_tolerated = 3;
   constexpr Eigen::Index k_draws = 20'000;
   if (!correction.trust.trusted) return;
   const Eigen::MatrixXd draws =
@@ -92,13 +96,18 @@ void look_beyond(PosteriorDensity& posterior, const posterior::MapResult& map, s
   const posterior::CheckedDensity::Leniency lenient(target);
   const Eigen::MatrixXd variables = posterior.parameters(correction.points);
   const double log_n = std::log(correction.weights.size());
+  const Eigen::RowVectorXd mean = correction.weights.transpose() * variables;
+  const Eigen::Array<double, 1, Eigen::Dynamic> deviation =
+      (correction.weights.transpose() * (variables.rowwise() - mean).cwiseAbs2()).array().sqrt();
   const posterior::MassBeyond beyond = posterior::walk_outwards(
       target,
       {correction.points, variables, correction.weights,
        [&](const Eigen::MatrixXd& z, const Eigen::VectorXd& log_density) -> Eigen::VectorXd {
          const Eigen::ArrayXd ratio = (log_density - map.log_density(z)).array() - correction.log_evidence;
-         return (ratio > std::log(k_hardly_any))
-             .select(ratio - log_n, -std::numeric_limits<double>::infinity());
+         const Eigen::ArrayXXd distance =
+             (posterior.parameters(z).rowwise() - mean).array().abs().rowwise() / deviation;
+         const auto is_missing = ratio > std::log(k_hardly_any) && distance.rowwise().maxCoeff() > k_far;
+         return is_missing.select(ratio, ratio.min(0.0) - std::log(k_tolerated)) - log_n;
        },
        in_parameters(posterior)},
       {.seed = seed});
