@@ -94,7 +94,8 @@ void add_map_options(Section<M>& s) {
   s.add("evaluations", &M::evaluations,
         "Budget of `knothe infer`: calls that the model may be asked for, a gradient counting four. Every "
         "method ends within it with its best answer; with a larger one the same command goes on. 0: 20,000, "
-        "or twice `samples` if that is more; 100,000 for `transport`; no limit for `grid`, `mcmc` and a separated "
+        "or twice `samples` if that is more; 100,000 for `transport`; no limit for `grid`, `mcmc` and a "
+        "separated "
         "model.",
         at_least(0));
   s.add("verification_points", &M::verification_points,

@@ -144,9 +144,8 @@ void add_series(const record::Results& results, Predictions& into) {
   for (const auto& [name, fit] : results.residuals.series) {
     std::vector<double> time;
     for (const double step : fit.step) {
-      const auto found = std::find_if(results.steps.begin(), results.steps.end(), [&](const record::Step& s) {
-        return s.step == step;
-      });
+      const auto found = std::find_if(results.steps.begin(), results.steps.end(),
+                                      [&](const record::Step& s) { return s.step == step; });
       time.push_back(found == results.steps.end() ? step : found->time);
     }
     const Prediction p{fit.predicted, std::vector<double>(time.size(), fit.std)};
