@@ -85,6 +85,8 @@ TEST(RecycledImportance, Bananas) {
       const RecycledImportanceResult r = recycled_importance(target, options);
       expect_right(r, mean, deviation, log_evidence);
       EXPECT_LE(r.sample.density_evaluations, 12000);
+      options.looks_beyond = false;  // the draws alone
+      EXPECT_LE(recycled_importance(target, options).sample.density_evaluations, 10000);
     }
   }
 }
@@ -130,6 +132,8 @@ TEST(RecycledImportance, EightSchools) {
     const RecycledImportanceResult r = recycled_importance(schools, options);
     expect_right(r, mean, deviation, std::log(sum));
     EXPECT_LE(r.sample.density_evaluations, 16000);
+    options.looks_beyond = false;  // the draws alone
+    EXPECT_LE(recycled_importance(schools, options).sample.density_evaluations, 12000);
   }
 }
 
