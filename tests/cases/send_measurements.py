@@ -58,7 +58,7 @@ class Test(ServiceCase):
         self.expect(0, "export", "assimilation.journal", "-o", "export.csv")
         found = {name: [] for name in NAMES}
         for row in read_csv(self.folder / "export.csv"):
-            found[row["sensor"]].append((float(row["time"]), None if row["value"] == "nan" else float(row["value"])))
+            found[row["sensor"]].append((float(row["time"]), float(row["value"]) if row["value"] else None))
         return found
 
     def test_the_block_for_crappy_sends_each_time_once_at_its_own_rates(self):

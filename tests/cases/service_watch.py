@@ -1,10 +1,12 @@
 """`knothe serve` with a folder in which a camera leaves its pictures. Judged by `knothe assimilate` on the same pictures."""
+import contextlib
 import math
 import os
 import pathlib
 import random
 import re
 import shutil
+import sqlite3
 import struct
 import time
 import unittest
@@ -188,6 +190,10 @@ class Test(ServiceCase):
     def wait_for_alarms(self, service, *texts):
         service.wait_until(lambda: all(any(text in message for message in self.alarms(service)) for text in texts))
 
+    def files_in_journal(self):
+        with contextlib.closing(sqlite3.connect(f"file:{self.folder / 'assimilation.journal'}?mode=ro", uri=True)) as journal:
+            return {name for name, in journal.execute("SELECT name FROM file")}
+
     def test_pictures_of_one_number_are_said_and_one_of_them_is_taken(self):
         """As stereo programs write them: shot-0003_1.tif is camera 1's. Each file leaves a word, also after a restart."""
         (self.live / "pictures.csv").unlink()
@@ -197,6 +203,8 @@ class Test(ServiceCase):
         service = self.watch()
         self.wait_for_alarms(service, *(f"{name}: is not taken: its number 1 is that of shot-0001_1.tif" for name in names[1:]))
         self.assertEqual(service.settled()["records"], 1)
+        self.assertIn("shot-0001_1.tif", self.files_in_journal())  # noted with its datum
+        service.wait_until(lambda: len(self.files_in_journal()) == 4)  # no file without its alarm
         service.kill()
         service.start()
         self.assertEqual(service.settled()["records"], 1)

@@ -64,6 +64,12 @@ class Limit {
   std::int64_t before_;
 };
 
+/// What is spent when `share` of what is left now is; no budget of none.
+std::int64_t up_to_share(const ModelEvaluator& evaluator, double share) {
+  if (evaluator.budget() == ModelEvaluator::k_no_budget) return ModelEvaluator::k_no_budget;
+  return evaluator.spent() + std::llround(share * (evaluator.budget() - evaluator.spent()));
+}
+
 std::int64_t budget_of(const InferenceOptions& options, const InferenceResult& r,
                        const ModelEvaluator& evaluator) {
   constexpr std::int64_t k_default = 20'000, k_of_map = 100'000;
@@ -341,7 +347,7 @@ void solve_somehow(PosteriorDensity& posterior, ModelEvaluator& evaluator, const
   try {
     // What is left is for the draws, should there be no answer.
     constexpr double k_share = 0.8;
-    const Limit limit(evaluator, std::llround(k_share * evaluator.budget()));
+    const Limit limit(evaluator, up_to_share(evaluator, k_share));
     return solve(posterior, evaluator, options, r);
   } catch (const NumericalError& error) {
     InferenceResult by_draws;
@@ -360,7 +366,7 @@ void solve_somehow(PosteriorDensity& posterior, ModelEvaluator& evaluator, const
 
 /// A look at a quarter of the budget at most: where that does not tell, the draws will.
 void check_integral(PosteriorDensity& posterior, ModelEvaluator& evaluator, const InferenceOptions& options) {
-  const Limit limit(evaluator, evaluator.spent() + (evaluator.budget() - evaluator.spent()) / 4);
+  const Limit limit(evaluator, up_to_share(evaluator, 0.25));
   try {
     require_finite_integral(posterior, options.names);
   } catch (const BudgetSpent&) {

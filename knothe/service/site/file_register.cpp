@@ -47,6 +47,11 @@ void FileRegister::hold(const likelihood::DatumKey& key) {
   keys_.insert(key);
 }
 
+void FileRegister::hold(const JournalFile& file) {
+  const std::lock_guard lock(mutex_);
+  add(file);
+}
+
 void FileRegister::note(JournalFile file) {
   const std::lock_guard lock(mutex_);
   if (file.outcome == FileOutcome::refused && refused_.contains({file.source, file.name, file.digest}))

@@ -28,8 +28,9 @@ class FileRegister {
   /// known; nothing: there is no such datum.
   [[nodiscard]] std::optional<std::string> holder(const likelihood::DatumKey& key) const;
 
-  /// A datum of a watched folder is on disk.
+  /// A datum of a watched folder is on disk; with it, where it is a picture, what is noted of its file.
   void hold(const likelihood::DatumKey& key);
+  void hold(const JournalFile& file);
   /// What became of a file. It is on disk with the next group.
   void note(JournalFile file);
   /// What is not on disk yet, and is to be written now; `put_back`: it could not be.

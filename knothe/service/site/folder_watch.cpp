@@ -160,7 +160,7 @@ void FolderWatch::ingest(Folder& folder) {
     if (outcome == StoreOutcome::refused && !trouble.empty() && !is_known(file))
       intake_.refuse(name, trouble);
     if (outcome != StoreOutcome::again) {
-      if (!is_known(file)) site_->journal().files().note(file);
+      if (!is_known(file)) site_->journal().note(file);
       folder.files.done(name);
     }
     if (!wait(0)) return;
@@ -275,7 +275,7 @@ FolderWatch::StoreOutcome FolderWatch::ingest_picture(const Folder& folder, cons
   file.seq = place.seq;
   if (const auto holder = site_->journal().files().holder(stamp.key); holder && !holder->empty())
     throw DataError(complaint(name, *holder, place.seq));
-  else if (holder) {  // of a journal without files, or killed just then
+  else if (holder) {  // of a journal of a time without files
     site_->pictures().show(place.time, opened.path());
     return StoreOutcome::done;
   }
@@ -286,7 +286,7 @@ FolderWatch::StoreOutcome FolderWatch::ingest_picture(const Folder& folder, cons
     if (patient(folder, name)) return StoreOutcome::again;
     measured = {intake_.missing(stamp), error.what()};
   }
-  const StoreOutcome outcome = intake_.store(std::move(measured.datum), name);
+  const StoreOutcome outcome = intake_.store(std::move(measured.datum), name, file);
   if (outcome == StoreOutcome::done) site_->pictures().show(place.time, opened.path());
   if (outcome == StoreOutcome::done && !measured.trouble.empty())
     intake_.refuse(name, "missing: " + measured.trouble);

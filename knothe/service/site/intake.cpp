@@ -76,7 +76,8 @@ Eigen::VectorXd Intake::increment_to(std::optional<std::size_t> step) {
   return increment.head(site_->setup().measurements.sensors.displacement_count());
 }
 
-Intake::StoreOutcome Intake::store(Measurement measurement, const std::string& name) {
+Intake::StoreOutcome Intake::store(Measurement measurement, const std::string& name,
+                                   std::optional<JournalFile> file) {
   const auto promise = std::make_shared<std::promise<JournalWriter::Answer>>();
   auto answer = promise->get_future();
   measurement.restores = false;
@@ -85,7 +86,8 @@ Intake::StoreOutcome Intake::store(Measurement measurement, const std::string& n
     const likelihood::DatumKey& key = measurement.key;
     (void)parse_json_key(Json{{"source", key.source}, {"session", key.session}, {"seq", key.seq}}.dump());
     site_->journal().ingest(std::move(measurement),
-                            [promise](const JournalWriter::Answer& stored) { promise->set_value(stored); });
+                            [promise](const JournalWriter::Answer& stored) { promise->set_value(stored); },
+                            std::move(file));
     const JournalWriter::Answer stored = answer.get();
     const auto* error = std::get_if<RequestError>(&stored);
     if (error == nullptr) return StoreOutcome::done;

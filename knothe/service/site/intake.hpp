@@ -36,8 +36,9 @@ class Intake {
   [[nodiscard]] Measured measure(const PictureStamp& stamp, const files::Picture& picture);
   /// A picture that cannot be read, or did not come.
   [[nodiscard]] Measurement missing(const PictureStamp& stamp);
-  /// Waits until the datum is on disk, or is refused. One that was withdrawn is not brought back.
-  StoreOutcome store(Measurement measurement, const std::string& name);
+  /// Waits until the datum is on disk, with what is noted of its file, or is refused. One that was withdrawn
+  /// is not brought back.
+  StoreOutcome store(Measurement measurement, const std::string& name, std::optional<JournalFile> file = {});
   /// Says why something was not taken, in the log and as an alarm.
   void refuse(const std::string& name, const std::string& reason);
   /// Step of the latest line, 0 where there is none.

@@ -159,6 +159,11 @@ void JournalWriter::store_alarm(Alarm alarm) {
   requests_there_.notify_one();
 }
 
+void JournalWriter::note(JournalFile file) {
+  files_.note(std::move(file));
+  requests_there_.notify_one();
+}
+
 bool JournalWriter::ready() const {
   const std::lock_guard lock(mutex_);
   return open_ && !stopping_;
@@ -281,7 +286,8 @@ std::string JournalWriter::reason_of(Quarantine quarantined, const Measurement& 
   return reason;
 }
 
-void JournalWriter::ingest(Measurement datum, std::function<void(Answer)> done) {
+void JournalWriter::ingest(Measurement datum, std::function<void(Answer)> done,
+                           std::optional<JournalFile> file) {
   if (!datum.series.empty()) datum.set_values_of_series(setup_.measurements.sensors);
   check_values(datum);
   try {
@@ -289,7 +295,7 @@ void JournalWriter::ingest(Measurement datum, std::function<void(Answer)> done) 
   } catch (const DataError& error) {
     throw RequestError(400, "UnknownTime", error.what());
   }
-  enqueue({std::move(datum), std::move(done), monotonic_now()});
+  enqueue({std::move(datum), std::move(done), monotonic_now(), std::move(file)});
 }
 
 void JournalWriter::release(RecordName name, std::function<void(Answer)> done) {
@@ -331,7 +337,7 @@ void JournalWriter::commit_loop() {
       pulse_->rest();
       std::unique_lock lock(mutex_);
       requests_there_.wait_for(lock, k_idle, [&] {
-        return !requests_.empty() || stopping_ || (!alarms_.empty() && trouble_.empty());
+        return !requests_.empty() || stopping_ || has_aside();
       });
       if (requests_.empty() && alarms_.empty() && stopping_) return;
       if (requests_.empty() && stopping_ && !trouble_.empty()) return;
@@ -344,7 +350,7 @@ void JournalWriter::commit_loop() {
     bool aside = false;
     {
       const std::lock_guard lock(mutex_);
-      aside = (!alarms_.empty() || files_.has_unwritten()) && trouble_.empty();
+      aside = has_aside();
     }
     if (group.empty() && !aside) {
       look_after_journal();
@@ -352,6 +358,11 @@ void JournalWriter::commit_loop() {
       commit(group);
     }
   }
+}
+
+/// What goes by itself where no request takes it along.
+bool JournalWriter::has_aside() const {
+  return (!alarms_.empty() || files_.has_unwritten()) && trouble_.empty();
 }
 
 /// When nothing comes: is the journal still there, can it be written, is it all in its own file?
@@ -381,8 +392,8 @@ void JournalWriter::write_aside() {
   if (alarms_.empty() && !files_.has_unwritten()) return;
   try {
     journal_.begin();
-    for (const Alarm& alarm : std::exchange(alarms_, {})) journal_.add_alarm(alarm);
     for (const JournalFile& file : files_.take_unwritten()) journal_.add_file(file);
+    for (const Alarm& alarm : std::exchange(alarms_, {})) journal_.add_alarm(alarm);
     journal_.commit();
   } catch (const std::exception& error) {
     journal_.rollback();
@@ -412,12 +423,12 @@ void JournalWriter::commit(std::vector<Request>& group) {
   const SensorSwitches switches_before = switches_;
   const TestCourse course_before = course_;
   std::string trouble;
+  const std::deque<JournalFile> files = files_.take_unwritten();  // before the alarms: see `note`
   std::deque<Alarm> alarms;
   {
     const std::lock_guard lock(mutex_);
     alarms.swap(alarms_);
   }
-  const std::deque<JournalFile> files = files_.take_unwritten();
   try {
     journal_.begin();
     for (Request& request : group) answers.push_back(write(request, written));
@@ -446,6 +457,7 @@ void JournalWriter::commit(std::vector<Request>& group) {
   metrics_.observe("knothe_phase_seconds", site_labels(options_.site, "phase=\"commit\""),
                    seconds_since(start));
   for (const likelihood::DatumKey& key : written.from_folders) files_.hold(key);
+  for (const JournalFile& file : written.files) files_.hold(file);
   {
     const std::lock_guard lock(mutex_);
     quarantine_.insert(quarantine_.end(), written.quarantined.begin(), written.quarantined.end());
@@ -497,7 +509,12 @@ void JournalWriter::count_outcome(const Answer& answer) {
 }
 
 JournalWriter::Answer JournalWriter::write(Request& request, Written& written) {
-  return std::visit([&](auto& what) { return write(what, request.at, written); }, request.what);
+  Answer answer = std::visit([&](auto& what) { return write(what, request.at, written); }, request.what);
+  if (request.file && std::holds_alternative<Appended>(answer)) {
+    journal_.add_file(*request.file);
+    written.files.push_back(std::move(*request.file));
+  }
+  return answer;
 }
 
 JournalWriter::Answer JournalWriter::write(const Release& release, MonotonicTime at, Written& written) {

@@ -101,7 +101,8 @@ class JournalWriter {
 
   /// Checks the datum and puts it in the queue; `done` is called from another thread once it is on disk (or
   /// is not going to be). RequestError for what is wrong with it.
-  void ingest(Measurement datum, std::function<void(Answer)> done);
+  /// `file`, where it has one: noted in the same commit, so that no datum is ever without it.
+  void ingest(Measurement datum, std::function<void(Answer)> done, std::optional<JournalFile> file = {});
   /// Lets a quarantined datum in. The same.
   void release(RecordName name, std::function<void(Answer)> done);
   /// Takes a datum out. The same.
@@ -112,6 +113,9 @@ class JournalWriter {
   LogbookEntry enter(LogbookEntry entry);
   /// What became of the files of watched folders.
   [[nodiscard]] FileRegister& files() { return files_; }
+  /// What became of a file that gave no datum, or several. An alarm about it is raised before: then no file
+  /// is on disk without its alarm.
+  void note(JournalFile file);
   /// The last datum of a camera that was in the journal at the start, without its values.
   [[nodiscard]] std::optional<Measurement> last_frame() const;
   void count(const std::string& outcome);  ///< of a request that did not get so far: "malformed"
@@ -129,11 +133,13 @@ class JournalWriter {
     std::variant<Measurement, Release, Withdrawal, LogbookEntry> what;
     std::function<void(Answer)> done;
     MonotonicTime at;
+    std::optional<JournalFile> file = std::nullopt;
   };
   void enqueue(Request request);
   void require_times() const;
   void replay();
   void commit_loop();
+  [[nodiscard]] bool has_aside() const;
   void look_after_journal();
   void write_aside();
   void commit(std::vector<Request>& group);
@@ -143,6 +149,7 @@ class JournalWriter {
     std::vector<JournalEntry> quarantined;
     std::vector<JournalEntry> no_longer_quarantined;
     std::vector<likelihood::DatumKey> from_folders;
+    std::vector<JournalFile> files;
     std::vector<Measurement> withdrawn;
     std::vector<LogbookEntry> entries;
   };
