@@ -1,12 +1,14 @@
 #include <fmt/format.h>
 
 #include <cstdio>
+#include <nlohmann/json.hpp>
 
 #include "apps/knothe/commands.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/project/file_check.hpp"
 #include "knothe/project/option_table.hpp"
 #include "knothe/project/project_file.hpp"
+#include "knothe/record/fields.hpp"
 
 namespace knothe::commands {
 
@@ -15,7 +17,11 @@ int check(const CheckArguments& arguments) {
     std::fputs(project::option_reference().c_str(), stdout);
     return 0;
   }
-  if (arguments.project.empty()) throw UsageError("check needs a project file, or --options");
+  if (arguments.schema) {
+    fmt::print("{}\n", record::line_schemas().dump(2));
+    return 0;
+  }
+  if (arguments.project.empty()) throw UsageError("check needs a project file, --options or --schema");
   const project::Project project = project::read_project(arguments.project);
   const project::FileCheck check = project::check_files(project);
   for (const std::string& fact : check.facts) fmt::print("{}\n", fact);

@@ -10,6 +10,7 @@ namespace knothe::commands {
 struct CheckArguments {
   std::string project;
   bool options = false;  ///< print the reference of all options instead
+  bool schema = false;   ///< print the JSON Schemas of lines instead
 };
 int check(const CheckArguments& arguments);
 

@@ -87,6 +87,8 @@ void add_check(CLI::App& app, Command& chosen) {
           "knothe check examples/beam/beam.toml");
   command.add_option("FILE", arguments.project, "project file");
   command.add_flag("--options", arguments.options, "print the reference of all options instead");
+  command.add_flag("--schema", arguments.schema,
+                   "print JSON Schemas of the lines that --json writes instead");
 }
 
 }  // namespace

@@ -19,6 +19,7 @@
 #include "knothe/offline/grid_solving.hpp"
 #include "knothe/offline/posterior_judge.hpp"
 #include "knothe/offline/problem.hpp"
+#include "knothe/project/priors.hpp"
 
 namespace knothe::offline {
 namespace {
@@ -33,12 +34,13 @@ using posterior::Prior;
 
 /// The priors of the axes, in their order, truncated to the box.
 std::vector<Prior> priors_of(const project::Project& project, const std::vector<model::Axis>& axes) {
+  const std::vector<Prior> all = project::priors_of(project);
   std::vector<Prior> priors;
   std::vector<model::Axis> with_prior;
   for (const model::Axis& axis : axes)
-    for (const project::NamedPrior& parameter : project.parameters)
-      if (parameter.name == axis.name) {
-        priors.push_back(parameter.prior);
+    for (std::size_t k = 0; k < all.size(); ++k)
+      if (project.parameters[k].name == axis.name) {
+        priors.push_back(all[k]);
         with_prior.push_back(axis);
       }
   return likelihood::truncated_to_box(with_prior, std::move(priors));

@@ -2,6 +2,7 @@
 
 #include <numeric>
 
+#include "knothe/project/priors.hpp"
 #include "knothe/project/simulation.hpp"
 
 namespace knothe::offline {
@@ -24,9 +25,10 @@ std::optional<SyntheticProblem> synthetic_problem(const project::Project& projec
                                                   const std::vector<model::Quantity>& quantities) {
   if (!project.simulate || project.parameters.size() != axes.size()) return std::nullopt;
   SyntheticProblem problem;
+  const std::vector<posterior::Prior> priors = project::priors_of(project);
   for (const model::Axis& axis : axes) {
-    for (const project::NamedPrior& parameter : project.parameters)
-      if (parameter.name == axis.name) problem.priors.push_back(parameter.prior);
+    for (std::size_t k = 0; k < priors.size(); ++k)
+      if (project.parameters[k].name == axis.name) problem.priors.push_back(priors[k]);
     problem.names.push_back(axis.name);
   }
   if (problem.priors.size() != axes.size()) return std::nullopt;

@@ -44,27 +44,36 @@ const Section<SensorOptions>& sensor_section() {
 }
 
 struct ParameterOptions {
-  std::optional<Prior::Family> family;  ///< none: the parameter is known
+  enum class Kind { normal, uniform, lognormal, posterior, known } kind = Kind::normal;
   std::optional<double> value;
+  std::string of;
   double mean = 0, std = 1;
   double lower = 0, upper = 1;
   double mu = 0, sigma = 1;
 };
 
+constexpr auto names_of(ParameterOptions::Kind /*kind*/) {
+  using Kind = ParameterOptions::Kind;
+  return std::to_array<Named<Kind>>({{Kind::normal, "normal"},
+                                     {Kind::uniform, "uniform"},
+                                     {Kind::lognormal, "lognormal"},
+                                     {Kind::posterior, "posterior"},
+                                     {Kind::known, "known"}});
+}
+
 const Section<ParameterOptions>& parameter_section() {
   using P = ParameterOptions;
-  static constexpr auto k_priors =
-      std::to_array<Named<std::optional<Prior::Family>>>({{Prior::Family::normal, "normal"},
-                                                          {Prior::Family::uniform, "uniform"},
-                                                          {Prior::Family::lognormal, "lognormal"},
-                                                          {std::nullopt, "known"}});
   static const Section<P> k_section(
       "parameters.*", "Prior of the parameter of that name.", [](Section<P>& s) {
-        s.choice(
-            "prior", &P::family, k_priors,
-            "Family of the prior; or `known`: a parameter that is not inferred, for example a temperature, "
-            "whose value at each time is the series of its name in the data file (`knothe assimilate`).",
-            required);
+        s.add("prior", &P::kind,
+              "Family of the prior; or `posterior`: what an earlier test has found; or `known`: a parameter "
+              "that is not inferred, for example a temperature, whose value at each time is the series of "
+              "its name in the data file (`knothe assimilate`).",
+              required);
+        s.add("of", &P::of,
+              "Results of that test, a folder or its `posterior.nc` or `samples.nc`. Parameters of one test "
+              "keep their correlations and the shape of their posterior.",
+              file, no_default);
         s.add("value", &P::value,
               "Known parameter: its value for forecasts and fields, and with `knothe serve` for the data; "
               "without it, "
@@ -125,15 +134,19 @@ model::ScalarObservation read_sensor(Values& values, const std::string& name) {
   return sensor;
 }
 
-/// The keys that belong to a family beside `prior`.
-std::vector<std::string> keys_of(Prior::Family family) {
-  switch (family) {
-    case Prior::Family::normal:
+/// The keys that belong to a kind beside `prior`.
+std::vector<std::string> keys_of(ParameterOptions::Kind kind) {
+  switch (kind) {
+    case ParameterOptions::Kind::normal:
       return {"mean", "std"};
-    case Prior::Family::uniform:
+    case ParameterOptions::Kind::uniform:
       return {"lower", "upper"};
-    case Prior::Family::lognormal:
+    case ParameterOptions::Kind::lognormal:
       return {"mu", "sigma"};
+    case ParameterOptions::Kind::posterior:
+      return {"of"};
+    case ParameterOptions::Kind::known:
+      break;
   }
   return {};
 }
@@ -154,10 +167,12 @@ void check_keys(Values& values, const std::string& path, const std::string& what
 }
 
 Prior prior_of(Values& values, const ParameterOptions& o, const std::string& path) {
-  const std::vector<std::string> keys = keys_of(*o.family);
+  using Kind = ParameterOptions::Kind;
+  const std::vector<std::string> keys = keys_of(o.kind);
   check_keys(values, path, values.get<std::string>(path + ".prior") + " prior", keys, keys);
-  if (*o.family == Prior::Family::normal) return Prior::normal(o.mean, o.std);
-  if (*o.family == Prior::Family::lognormal) return Prior::lognormal(o.mu, o.sigma);
+  if (o.kind == Kind::posterior) return Prior::normal(0, 1);  // until its file is read
+  if (o.kind == Kind::normal) return Prior::normal(o.mean, o.std);
+  if (o.kind == Kind::lognormal) return Prior::lognormal(o.mu, o.sigma);
   if (o.upper > o.lower) return Prior::uniform(o.lower, o.upper);
   values.complain(path + ".upper", fmt::format("[{}]: \"upper\" must be greater than \"lower\"", path));
   return Prior::uniform(0, 1);
@@ -187,9 +202,10 @@ void read_parameters(Values& values, Project& project) {
   for (const std::string& name : values.children_of("parameters")) {
     const std::string path = "parameters." + name;
     const ParameterOptions o = parameter_section().read(values, name);
-    if (o.family) {
-      project.parameters.push_back({name, prior_of(values, o, path)});
-    } else if (values.has(path + ".prior")) {  // else its absence is complained of already
+    if (!values.has(path + ".prior")) continue;  // which is complained of already
+    if (o.kind != ParameterOptions::Kind::known) {
+      project.parameters.push_back({name, prior_of(values, o, path), o.of});
+    } else {
       check_keys(values, path, "known parameter", {"value"}, {});
       project.known.push_back({name, o.value});
     }

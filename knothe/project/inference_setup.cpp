@@ -5,10 +5,10 @@
 #include <cmath>
 
 #include "knothe/likelihood/data/measurements.hpp"
-#include "knothe/likelihood/step/prior_of_model.hpp"
 #include "knothe/model/forward/separated_forward_model.hpp"
 #include "knothe/model/forward/umbridge_model.hpp"
 #include "knothe/project/observed_data.hpp"
+#include "knothe/project/priors.hpp"
 #include "knothe/project/update_setup.hpp"
 
 namespace knothe::project {
@@ -38,6 +38,7 @@ void set_up_server(const Project& project, InferenceSetup& setup) {
     throw project.error_at("observations",
                            "\"dofs\", \"steps\" and \"output\" choose from a separated model; all outputs of "
                            "a UM-Bridge model are observed, in their order");
+  setup.priors = priors_of(project);
   model::UmbridgeSettings settings = o;
   settings.parameters = setup.parameters;
   std::unique_ptr<model::UmbridgeModel> model;
@@ -116,7 +117,7 @@ void set_up_recorded(const Project& project, const model::SeparatedModel& model,
 void set_up_separated(const Project& project, InferenceSetup& setup) {
   const model::SeparatedModel model = load_model(project);
   setup.axes = model.contents().axes;
-  setup.priors = likelihood::truncated_to_box(model.contents().axes, std::move(setup.priors));
+  setup.priors = priors_of(project, setup.axes);
   if (project.observations)
     set_up_chosen(project, model, setup);
   else
@@ -136,10 +137,7 @@ InferenceSetup set_up_inference(const Project& project) {
     throw project.error_at("observations",
                            "[observations] and `data` both say what was observed: leave one of them out");
   InferenceSetup setup;
-  for (const NamedPrior& parameter : project.parameters) {
-    setup.parameters.push_back(parameter.name);
-    setup.priors.push_back(parameter.prior);
-  }
+  for (const NamedPrior& parameter : project.parameters) setup.parameters.push_back(parameter.name);
   if (server)
     set_up_server(project, setup);
   else

@@ -9,8 +9,8 @@
 #include "knothe/base/text.hpp"
 #include "knothe/likelihood/data/measurements.hpp"
 #include "knothe/likelihood/data/time_matching.hpp"
-#include "knothe/likelihood/step/prior_of_model.hpp"
 #include "knothe/project/observed_data.hpp"
+#include "knothe/project/priors.hpp"
 #include "knothe/project/simulation.hpp"
 #include "knothe/project/update_setup.hpp"
 
@@ -116,8 +116,7 @@ SelectionSetup set_up_selection(const Project& project) {
   problem.min_distance = project.select.min_distance;
   problem.seed = project.method.seed;
   problem.at = reference_point(project, setup.model);
-  for (const NamedPrior& parameter : project.parameters) problem.priors.push_back(parameter.prior);
-  problem.priors = likelihood::truncated_to_box(setup.model.contents().axes, std::move(problem.priors));
+  problem.priors = priors_of(project, setup.model.contents().axes);
   const std::size_t steps = setup.model.step_count();
   problem.step = project.select.step.value_or(steps / 2);
   if (problem.step >= steps) {

@@ -8,11 +8,11 @@
 #include "knothe/assimilation/update/compatibility.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
-#include "knothe/likelihood/step/prior_of_model.hpp"
 #include "knothe/model/reduced/known_parameter.hpp"
 #include "knothe/model/reduced/parameter_order.hpp"
 #include "knothe/model/reduced/truncation_error.hpp"
 #include "knothe/project/observed_data.hpp"
+#include "knothe/project/priors.hpp"
 
 namespace knothe::project {
 namespace {
@@ -34,18 +34,6 @@ void check_parameters(const Project& project, const std::vector<std::string>& mo
       throw project.error_at("parameters",
                              fmt::format("[parameters] lacks a prior for \"{}\", a parameter of the model {}",
                                          name, project.model));
-    }
-  }
-}
-
-/// The update truncates the priors to the box by itself, but does not know where they are written.
-void check_priors(const Project& project, const model::SeparatedModel& model) {
-  for (std::size_t k = 0; k < project.parameters.size(); ++k) {
-    const NamedPrior& parameter = project.parameters[k];
-    try {
-      (void)likelihood::truncated_to_box(std::span(model.contents().axes).subspan(k), {parameter.prior});
-    } catch (const ProjectError& error) {
-      throw project.error_at("parameters." + parameter.name, error.what());
     }
   }
 }
@@ -106,7 +94,6 @@ model::SeparatedModel load_whole_model(const Project& project) {
   for (const NamedPrior& parameter : project.parameters) names.push_back(parameter.name);
   for (const KnownParameter& parameter : project.known) names.push_back(parameter.name);
   model::SeparatedModel model(model::with_parameter_order(stored.contents(), names), project.model);
-  check_priors(project, model);
   return model;
 }
 
@@ -184,8 +171,7 @@ UpdateSetup set_up(const Project& given, assimilation::Features features, bool l
   project.require(!project.parameters.empty(),
                   "a table [parameters] with a prior for each parameter of the model that is inferred");
   const model::SeparatedModel whole = fixed ? load_model(given) : load_whole_model(given);
-  std::vector<posterior::Prior> priors;
-  for (const NamedPrior& parameter : project.parameters) priors.push_back(parameter.prior);
+  const std::vector<posterior::Prior> priors = priors_of(project, whole.contents().axes);
   if (live && !project.data.empty()) {
     const char* const key = project.serve.camera.wanted ? "serve.camera" : "serve.watch_pictures";
     throw project.error_at(

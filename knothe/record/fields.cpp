@@ -86,23 +86,64 @@ void add_numbers(const std::string& group, std::span<const Field<Result>> fields
   });
 }
 
-Json schema_of(const Field<UpdateResult>& field) {
+const Json& number_schema() {
+  static const Json schema = {{"type", "number"}};
+  return schema;
+}
+
+Json list_of(const Json& items) {
+  return {{"type", "array"}, {"items", items}};
+}
+
+Json object_schema(const Json& properties, const Json& required) {
+  return {{"type", "object"}, {"properties", properties}, {"required", required}};
+}
+
+template <class Result>
+Json schema_of(const Field<Result>& field) {
   const auto of_member = [](const auto member) -> Json {
-    const Json number = {{"type", "number"}}, numbers = {{"type", "array"}, {"items", number}};
     if constexpr (std::is_same_v<decltype(member), const Made>) {
       return {{"type", member.type}};
     } else {
-      using Value = std::remove_cvref_t<decltype(std::declval<UpdateResult>().*member)>;
+      using Value = std::remove_cvref_t<decltype(std::declval<Result>().*member)>;
       if constexpr (std::is_same_v<Value, bool>) return {{"type", "boolean"}};
-      if constexpr (std::is_same_v<Value, Eigen::VectorXd>) return numbers;
-      if constexpr (std::is_same_v<Value, Eigen::MatrixXd>) return {{"type", "array"}, {"items", numbers}};
-      if constexpr (std::is_same_v<Value, double>) return number;
+      if constexpr (std::is_same_v<Value, Eigen::VectorXd>) return list_of(number_schema());
+      if constexpr (std::is_same_v<Value, Eigen::MatrixXd>) return list_of(list_of(number_schema()));
+      if constexpr (std::is_same_v<Value, double>) return number_schema();
       return {{"type", "integer"}};
     }
   };
   Json schema = std::visit(of_member, field.member);
   schema["description"] = field.meaning;
   return schema;
+}
+
+template <class Result>
+Json schema_of(std::span<const Field<Result>> fields) {
+  Json properties = Json::object(), required = Json::array();
+  for (const Field<Result>& field : fields) {
+    properties[field.key] = schema_of(field);
+    required.push_back(field.key);
+  }
+  return object_schema(properties, required);
+}
+
+Json verdict_schema() {
+  const Json words = {{"type", "string"}},
+             level = {{"type", "string"}, {"enum", {"ok", "caution", "reject"}}};
+  const Json reason = object_schema({{"code", words},
+                                     {"level", level},
+                                     {"value", number_schema()},
+                                     {"limit", number_schema()},
+                                     {"message", words},
+                                     {"cause", words}},
+                                    {"code", "level", "value", "limit", "message"});
+  return object_schema({{"level", level},
+                        {"reasons", list_of(reason)},
+                        {"model_shift_std", list_of(number_schema())},
+                        {"fit_probability", number_schema()},
+                        {"edge_mass", list_of(number_schema())}},
+                       {"level", "reasons"});
 }
 
 }  // namespace
@@ -213,11 +254,11 @@ void read_fields(const JsonObject& line, UpdateResult& step, std::vector<double>
     quantiles.fail("each row of \"values\" needs one number per level");
 }
 
-void add_schema(Json& properties, Json& required) {
-  for (const Field<UpdateResult>& field : step_fields()) {
-    properties[field.key] = schema_of(field);
-    required.push_back(field.key);
-  }
+Json line_schemas() {
+  Json step = schema_of(step_fields());
+  step["properties"]["verdict"] = verdict_schema();
+  return {
+      {"step", std::move(step)}, {"inference", schema_of(inference_fields())}, {"verdict", verdict_schema()}};
 }
 
 void add_statistics(const std::string& group, std::span<const UpdateResult* const> steps,

@@ -42,8 +42,8 @@ struct Field {
 /// kind or shape.
 void read_fields(const JsonObject& line, assimilation::UpdateResult& step, std::vector<double>& levels);
 
-/// JSON Schema of a line of a step: adds its properties, and which of them every line has.
-void add_schema(nlohmann::ordered_json& properties, nlohmann::ordered_json& required);
+/// JSON Schemas of the lines, {"step", "inference", "verdict"}: their properties, and which every line has.
+[[nodiscard]] nlohmann::ordered_json line_schemas();
 
 /// Adds the numbers among the fields to a group, over its dimension `step`, which is there.
 void add_statistics(const std::string& group, std::span<const assimilation::UpdateResult* const> steps,

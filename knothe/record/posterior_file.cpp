@@ -19,6 +19,7 @@
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/posterior/draws/importance_proposal.hpp"
 #include "knothe/posterior/prior/prior_transform.hpp"
+#include "knothe/posterior/weighted_posterior_file.hpp"
 #include "knothe/record/fields.hpp"
 #include "knothe/record/physical_parameters.hpp"
 #include "knothe/record/step_record.hpp"
@@ -112,8 +113,7 @@ class Writer {
     const posterior::PriorTransform transform({file_.priors.begin(), file_.priors.end()});
     const Eigen::MatrixXd z =
         numerics::monte_carlo_normal_points(k_chains * file_.draws, transform.dimension(), k_prior_seed);
-    Eigen::MatrixXd parameters(z.rows(), z.cols()), none;
-    transform.evaluate(z, 0, parameters, none, none);
+    const Eigen::MatrixXd parameters = transform.points(z);
     add_draws("prior", file_.axes, parameters, k_chains, out_);
     write_predictions("prior_predictive", drawn(parameters, k_prior_values), false);
   }
@@ -496,35 +496,22 @@ void write_posterior_file(const std::string& path, const PosteriorFile& file) {
 
 assimilation::UpdateResult read_last_posterior(const std::string& path,
                                                const std::vector<std::string>& parameters) {
-  const files::Hdf5Reader file(path);
-  const std::string names = file.text_attribute("/weighted_posterior", "parameters");
-  if (names != fmt::format("{}", fmt::join(parameters, ","))) {
+  posterior::WeightedPosterior found = posterior::read_weighted_posterior(path);
+  if (found.parameters != parameters) {
     throw DataError(fmt::format("{}: holds the posterior of {}, not of {}: run `knothe assimilate` again",
-                                path, names, fmt::join(parameters, ",")));
+                                path, fmt::join(found.parameters, ","), fmt::join(parameters, ",")));
   }
-  // Files before 0.2 have the last step among the others only.
-  const bool apart = file.has("/last_posterior");
-  const std::string group = apart ? "/last_posterior/" : "/weighted_posterior/";
-  const files::Shape shape = file.shape(group + "points");
-  if (shape.size() != (apart ? 2 : 3) || shape[0] == 0 || shape.back() != parameters.size())
-    throw DataError(path + ": weighted_posterior/points must have the shape [step, point, parameter]");
+  const files::Hdf5Reader file(path);
   assimilation::UpdateResult stored;
-  std::vector<double> points, weights;
-  if (apart) {
-    points = file.read(group + "points");
-    weights = file.read(group + "weights", files::Shape{shape[0]});
-    stored.step = file.number_attribute(group + "weights", "step");
-    stored.time = file.number_attribute(group + "weights", "time");
+  if (file.has("/last_posterior")) {
+    stored.step = file.number_attribute("/last_posterior/weights", "step");
+    stored.time = file.number_attribute("/last_posterior/weights", "time");
   } else {
-    const std::size_t last = shape[0] - 1;
-    points = file.read_slab(group + "points", {last, 0, 0}, {1, shape[1], shape[2]});
-    weights = file.read_slab(group + "weights", {last, 0}, {1, shape[1]});
-    stored.step = file.read(group + "step")[last];
-    stored.time = file.read("/sample_stats/time")[last];
+    stored.step = file.read("/weighted_posterior/step").back();
+    stored.time = file.read("/sample_stats/time").back();
   }
-  const auto n = std::ssize(weights), d = std::ssize(parameters);
-  stored.points = Eigen::Map<const RowMajor>(points.data(), n, d);
-  stored.weights = Eigen::Map<const Eigen::VectorXd>(weights.data(), n);
+  stored.points = std::move(found.points);
+  stored.weights = std::move(found.weights);
   return stored;
 }
 

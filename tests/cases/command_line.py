@@ -3,6 +3,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import unittest
 
 from support import KNOTHE, REPOSITORY, Case
@@ -75,6 +76,13 @@ class Test(Case):
         reference = (REPOSITORY / "docs" / "reference" / "project-file.md").read_text()
         self.assertEqual(self.expect(0, "check", "--options").out, reference,
                          "make it again: knothe check --options > docs/reference/project-file.md")
+
+    def test_the_fields_of_lines_are_those_of_the_schema_and_of_the_types(self):
+        schema = (REPOSITORY / "docs" / "reference" / "lines.schema.json").read_text()
+        self.assertEqual(self.expect(0, "check", "--schema").out, schema,
+                         "make it again: knothe check --schema > docs/reference/lines.schema.json; scripts/result_types.py")
+        made = subprocess.run([sys.executable, REPOSITORY / "scripts" / "result_types.py", "--check"], capture_output=True, text=True)
+        self.assertEqual(made.returncode, 0, made.stderr)
 
     def test_a_full_standard_output_is_an_io_error(self):
         (self.folder / "p.toml").write_text("")

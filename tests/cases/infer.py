@@ -378,6 +378,10 @@ class Test(InferCase):
         self.assertEqual([line["trusted"] for line in lines[:2]], [True, True])
         self.assertEqual(lines[2]["comparison"]["agreement"], "contradict")
         outcome = self.expect(8, "infer", self.project_name, "--compare", "smc,grid")
+        self.expect(0, "report", "results", "-o", "two.html")
+        page = (self.folder / "two.html").read_text()
+        self.assertIn("smc and grid contradict each other: ", page)
+        self.assertIn("Result: do not use", page)
         self.assertIn("The two contradict each other, so that one of them is wrong: means differ by at most", outcome.out)
 
     def answer_of_one(self, model, *arguments, status=0, parameters="a"):

@@ -216,11 +216,8 @@ Eigen::VectorXd best_point(PosteriorDensity& posterior, const InferenceResult& r
   Eigen::Index best = 0;
   posterior::LogDensityBatch batch;
   posterior.log_likelihood(r.points, 0, batch);
-  for (Eigen::Index i = 0; i < r.points.rows(); ++i) {
-    for (Eigen::Index k = 0; k < r.points.cols(); ++k)
-      batch.value[i] += posterior.transform().prior(k).log_density(r.points(i, k));
-    if (batch.value[i] > batch.value[best]) best = i;
-  }
+  posterior.transform().add_log_density(r.points, 0, batch);
+  batch.value.maxCoeff(&best);
   return r.points.row(best).transpose();
 }
 

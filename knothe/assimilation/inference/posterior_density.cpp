@@ -196,6 +196,7 @@ void PosteriorDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int 
     points_ = p_.middleRows(begin, std::min(k_chunk, n - begin)).transpose();
     model_part(derivatives, begin, out);
   }
+  if (observations_) transform_.add_dependence(p_, derivatives, out);
   if (derivatives >= 2) {
     for (Eigen::Index a = 0; a < d; ++a) {
       for (Eigen::Index b = 0; b <= a; ++b)

@@ -8,6 +8,7 @@
 #include "knothe/numerics/integrate/sobol.hpp"
 #include "knothe/numerics/linear/selected_inverse.hpp"
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
+#include "knothe/posterior/prior/prior_transform.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -255,10 +256,7 @@ Eigen::MatrixXd prior_points(const std::vector<posterior::Prior>& priors, Eigen:
   const auto d = std::ssize(priors);
   Eigen::MatrixXd z = Eigen::MatrixXd::Zero(count, d);
   if (count > 1) z.bottomRows(count - 1) = numerics::sobol_normal_points(count - 1, d, 1);
-  for (Eigen::Index i = 0; i < count; ++i) {
-    for (Eigen::Index k = 0; k < d; ++k) z(i, k) = priors[k].from_standard_normal(z(i, k)).value;
-  }
-  return z;
+  return posterior::PriorTransform(priors).points(z);
 }
 
 }  // namespace knothe::assimilation

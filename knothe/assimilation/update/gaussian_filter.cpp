@@ -34,9 +34,10 @@ GaussianFilter::GaussianFilter(posterior::Method kind,
       transform_(std::move(transform)),
       central_(std::move(central)),
       mean_(Eigen::VectorXd::Zero(transform_->dimension())),
-      covariance_(Eigen::MatrixXd::Identity(mean_.size(), mean_.size())) {
+      covariance_(transform_->covariance()) {
   if (kind_ == posterior::Method::ensemble_kalman)
-    members_ = standardised_points(members, mean_.size(), seed);
+    members_ =
+        standardised_points(members, mean_.size(), seed) * Eigen::MatrixXd(covariance_.llt().matrixU());
 }
 
 double GaussianFilter::update(const likelihood::StepForm& form) {

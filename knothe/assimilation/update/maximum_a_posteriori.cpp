@@ -25,17 +25,13 @@ class NegativeLogPosterior {
 
   double evaluate(const Eigen::VectorXd& p, int derivatives) {
     log_likelihood_(p.transpose(), derivatives, batch_);
-    double value = -batch_.value[0];
-    for (Eigen::Index a = 0; a < p.size(); ++a) value -= transform_.prior(a).log_density(p[a]);
-    if (derivatives < 2) return value;
+    transform_.add_log_density(p.transpose(), derivatives, batch_);
+    if (derivatives < 2) return -batch_.value[0];
     gradient = -batch_.gradient.row(0).transpose();
-    for (Eigen::Index a = 0; a < p.size(); ++a) {
-      gradient[a] -= transform_.prior(a).log_density_slope(p[a]);
+    for (Eigen::Index a = 0; a < p.size(); ++a)
       for (Eigen::Index b = 0; b < p.size(); ++b)
         hessian(a, b) = -batch_.hessian(0, posterior::packed_index(a, b));
-      hessian(a, a) -= transform_.prior(a).log_density_curvature(p[a]);
-    }
-    return value;
+    return -batch_.value[0];
   }
 
   Eigen::VectorXd gradient;

@@ -107,6 +107,7 @@ class ExactDensity final : public posterior::LogDensity {
     functions_.evaluate(p, 0, batch_);
     out.value = likelihood_.evaluate(-central_, Eigen::MatrixXd::Identity(central_.size(), central_.size()),
                                      batch_.value.transpose());
+    transform_.add_dependence(p, 0, out);
     likelihood::add_standard_normal(z, derivatives, out);
   }
 

@@ -1,6 +1,7 @@
 #include "knothe/assimilation/verdict/model_shift.hpp"
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 
 namespace knothe::assimilation {
 namespace {
@@ -19,14 +20,14 @@ ModelShift::ModelShift(const model::ObservedModel& model, const model::ObservedE
   const Index d = priors.dimension();
   lower_.resize(d);
   upper_.resize(d);
-  prior_precision_.resize(d);
+  Eigen::VectorXd slope(d);  // dz/dp
   for (Index a = 0; a < d; ++a) {
     const posterior::Prior& prior = priors.prior(a);
     lower_[a] = prior.lower();
     upper_[a] = prior.upper();
-    const double std = 0.5 * (prior.from_standard_normal(1).value - prior.from_standard_normal(-1).value);
-    prior_precision_[a] = 1 / (std * std);
+    slope[a] = 2 / (prior.from_standard_normal(1).value - prior.from_standard_normal(-1).value);
   }
+  prior_precision_ = slope.asDiagonal() * priors.covariance().inverse() * slope.asDiagonal();
   for (Index j = 0; j < errors.points.rows(); ++j) known_.push_back(at(errors.points.row(j).transpose()));
 }
 
@@ -41,7 +42,7 @@ ModelShift::Point ModelShift::at(const Eigen::VectorXd& p) const {
 }
 
 Eigen::MatrixXd ModelShift::of(const Eigen::MatrixXd& quadratic, const Eigen::MatrixXd& projected) const {
-  Eigen::MatrixXd shifts(prior_precision_.size(), projected.cols());
+  Eigen::MatrixXd shifts(prior_precision_.rows(), projected.cols());
   for (Index j = 0; j < projected.cols(); ++j) shifts.col(j) = shift(known_[j], quadratic, projected.col(j));
   return shifts;
 }
@@ -55,12 +56,11 @@ Eigen::VectorXd ModelShift::shift(const Point& known, const Eigen::MatrixXd& qua
     const Eigen::VectorXd away = here.p - known.p;
     const Eigen::MatrixXd curved = quadratic.lazyProduct(here.slope);  // few columns: no packing
     Eigen::MatrixXd information = here.slope.transpose().lazyProduct(curved);
-    information.diagonal() += prior_precision_;
+    information += prior_precision_;
     const Eigen::LLT<Eigen::MatrixXd> factor(information);
     const Eigen::MatrixXd covariance = factor.solve(Eigen::MatrixXd::Identity(away.size(), away.size()));
     std = covariance.diagonal().cwiseSqrt();
-    const Eigen::VectorXd downhill =
-        here.slope.transpose() * (projected - gv) - prior_precision_.cwiseProduct(away);
+    const Eigen::VectorXd downhill = here.slope.transpose() * (projected - gv) - prior_precision_ * away;
     Eigen::VectorXd step = covariance * downhill;
     if (k == 0 && step.cwiseQuotient(std).cwiseAbs().maxCoeff() < k_linear) return step.cwiseQuotient(std);
     bool down = false;
@@ -68,7 +68,7 @@ Eigen::VectorXd ModelShift::shift(const Point& known, const Eigen::MatrixXd& qua
       Point next = at((here.p + step).cwiseMax(lower_).cwiseMin(upper_));
       const Eigen::VectorXd next_v = next.w - known.w, next_gv = quadratic * next_v;
       const double next_value = 0.5 * next_v.dot(next_gv) - next_v.dot(projected) +
-                                0.5 * prior_precision_.dot((next.p - known.p).cwiseAbs2());
+                                0.5 * (next.p - known.p).dot(prior_precision_ * (next.p - known.p));
       if (!(next_value < value)) continue;
       down = true;
       step = next.p - here.p;

@@ -39,8 +39,9 @@ class ModelShift {
                                       const Eigen::Ref<const Eigen::VectorXd>& projected) const;
 
   std::shared_ptr<const model::ParameterFunctions> functions_;
-  Eigen::VectorXd lower_, upper_, prior_precision_;  ///< d
-  std::vector<Point> known_;                         ///< k
+  Eigen::VectorXd lower_, upper_;    ///< d
+  Eigen::MatrixXd prior_precision_;  ///< d × d
+  std::vector<Point> known_;         ///< k
 };
 
 }  // namespace knothe::assimilation

@@ -55,7 +55,8 @@ Moments moments_of_points(const posterior::PriorTransform& priors, const posteri
   return z;
 }
 
-PriorConflict conflict_of(const Moments& z) {
+/// `prior`: its covariance in z.
+PriorConflict conflict_of(const Moments& z, const Eigen::MatrixXd& prior) {
   const Index d = z.mean.size();
   PriorConflict found{Eigen::VectorXd::Zero(d), Eigen::VectorXd::Zero(d), Eigen::VectorXd::Zero(d),
                       Eigen::VectorXd::Zero(d), 1};
@@ -69,7 +70,7 @@ PriorConflict conflict_of(const Moments& z) {
     found.std[a] = std::sqrt(variance / information);
     found.pull[a] = std::abs(found.estimate[a]) * std::sqrt(variance);
   }
-  const numerics::SymmetricEigen eigen(Eigen::MatrixXd::Identity(d, d) - z.covariance);
+  const numerics::SymmetricEigen eigen(prior - z.covariance);
   const Eigen::VectorXd along = eigen.eigenvectors().transpose() * z.mean;
   double square = 0;
   Index degrees = 0;
@@ -118,8 +119,9 @@ double limit_of(double probability, Index count) {
 PriorConflict find_prior_conflict(const posterior::PriorTransform& priors,
                                   const posterior::Posterior& posterior) {
   const Moments linear = linear_moments(priors, posterior);
-  PriorConflict found = conflict_of(linear);
-  return needs_points(found, linear) ? conflict_of(moments_of_points(priors, posterior)) : found;
+  const Eigen::MatrixXd prior = priors.covariance();
+  PriorConflict found = conflict_of(linear, prior);
+  return needs_points(found, linear) ? conflict_of(moments_of_points(priors, posterior), prior) : found;
 }
 
 std::optional<VerdictReason> conflict_reason(const PriorConflict& conflict,

@@ -11,7 +11,7 @@
 
 namespace knothe::assimilation {
 
-/// All in z, in which the prior is N(0, I).
+/// All in z, in which each prior is N(0, 1).
 struct PriorConflict {
   /// d: how far the data's own value lies from the prior, in standard deviations of what both leave open;
   /// 0 for a parameter on which the data say (almost) nothing.
@@ -27,7 +27,8 @@ struct PriorConflict {
 ///   m ~ N(0, I − C)   if the truth is a draw from the prior,
 ///
 /// and the data alone give the value m_a / (1 − C_aa) with the variance C_aa / (1 − C_aa) for parameter a. So
-/// |m_a| / √(1 − C_aa) is its distance, and mᵀ (I − C)⁻¹ m of χ² distribution. Directions in which the data
+/// |m_a| / √(1 − C_aa) is its distance, and mᵀ (I − C)⁻¹ m of χ² distribution (with the correlations of a
+/// joint prior in place of I). Directions in which the data
 /// say less than a tenth of what the prior says do not count: there a curved model is not as this one. Only a
 /// mean that has moved by more than one does, whatever C says.
 /// Cost: O(d), and O(n d) in the points where a look at mean and covariance alone is not clear.

@@ -187,6 +187,7 @@ void CollapsedLogDensity::evaluate_runs(std::span<const numerics::GridRun> runs,
     noise_level_->marginalise(0, batch);
     value = batch.value;
   }
+  if (!transform_->is_independent()) add_dependence(runs, value);
   const Eigen::Index last = dimension() - 1;
   for (const numerics::GridRun& run : runs) {
     const Eigen::Index n = run.end - run.begin;
@@ -197,12 +198,21 @@ void CollapsedLogDensity::evaluate_runs(std::span<const numerics::GridRun> runs,
   }
 }
 
-void CollapsedLogDensity::evaluate_standardised_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& z,
-                                                           int derivatives, posterior::LogDensityBatch& out) {
+void CollapsedLogDensity::add_dependence(std::span<const numerics::GridRun> runs,
+                                         Eigen::Ref<Eigen::VectorXd> value) const {
+  posterior::LogDensityBatch batch;
+  batch.value = value;
+  transform_->add_dependence(numerics::nodes_of(axes_, runs), 0, batch);
+  value = batch.value;
+}
+
+void CollapsedLogDensity::evaluate_standardised(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
+                                                Factor factor, posterior::LogDensityBatch& out) {
   const Eigen::Index d = dimension();
   Workspace& w = workspace(z.rows());
   transform_->evaluate(z, derivatives, w.p, w.first, w.second);
   evaluate_likelihood(w.p, derivatives, out);
+  if (factor == Factor::likelihood_and_dependence) transform_->add_dependence(w.p, derivatives, out);
   if (derivatives >= 2) {
     for (Eigen::Index a = 0; a < d; ++a) {
       for (Eigen::Index b = 0; b <= a; ++b) {
@@ -217,7 +227,7 @@ void CollapsedLogDensity::evaluate_standardised_likelihood(const Eigen::Ref<cons
 
 void CollapsedLogDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
                                    posterior::LogDensityBatch& out) {
-  evaluate_standardised_likelihood(z, derivatives, out);
+  evaluate_standardised(z, derivatives, Factor::likelihood_and_dependence, out);
   add_standard_normal(z, derivatives, out);
 }
 

@@ -25,8 +25,9 @@
 
 namespace knothe::likelihood {
 
-/// log π̄(z | d₀ … d_i) on the standardised parameters: the collapsed likelihood plus log N(z; 0, I). A
-/// transport target whose cost depends neither on the number of data nor on that of steps.
+/// log π̄(z | d₀ … d_i) on the standardised parameters: the collapsed likelihood plus log N(z; 0, I), and what
+/// priors are known to be together. A transport target whose cost depends neither on the number of data nor
+/// on that of steps.
 class CollapsedLogDensity final : public posterior::LogDensity, public numerics::GridEvaluator {
  public:
   CollapsedLogDensity(std::shared_ptr<const model::ParameterFunctions> functions,
@@ -55,16 +56,19 @@ class CollapsedLogDensity final : public posterior::LogDensity, public numerics:
   [[nodiscard]] std::size_t component_count() const { return count_; }
 
   [[nodiscard]] Eigen::Index dimension() const override { return transform_->dimension(); }
+  [[nodiscard]] const posterior::PriorTransform& prior() const { return *transform_; }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
                 posterior::LogDensityBatch& out) override;
   /// log π̄ on a grid of z.
   void set_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes) override;
   void evaluate_runs(std::span<const numerics::GridRun> runs, Eigen::Ref<Eigen::VectorXd> value) override;
 
-  /// The log-likelihood alone as a function of z: what a composed map is made for (Rubio et al. 2019, Eq.
-  /// 11).
-  void evaluate_standardised_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives,
-                                        posterior::LogDensityBatch& out);
+  /// Of a density of z what stands beside log N(z; 0, I).
+  enum class Factor { likelihood, likelihood_and_dependence };
+  /// The log-likelihood as a function of z: what a composed map is made for (Rubio et al. 2019, Eq. 11), the
+  /// first one with what priors are known to be together.
+  void evaluate_standardised(const Eigen::Ref<const Eigen::MatrixXd>& z, int derivatives, Factor factor,
+                             posterior::LogDensityBatch& out);
 
   /// The log-likelihood alone, at points p of the box (n × d), with derivatives in p.
   void evaluate_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& p, int derivatives,
@@ -86,6 +90,7 @@ class CollapsedLogDensity final : public posterior::LogDensity, public numerics:
   void set_component(Component& component, const StepForm& form, double log_weight);
   void evaluate_component(Component& component, std::span<const numerics::GridRun> runs,
                           Eigen::Ref<Eigen::VectorXd> value);
+  void add_dependence(std::span<const numerics::GridRun> runs, Eigen::Ref<Eigen::VectorXd> value) const;
   [[nodiscard]] std::size_t first_felt() const;
   void evaluate_mixture(const Eigen::Ref<const Eigen::MatrixXd>& p, int derivatives,
                         posterior::LogDensityBatch& out);

@@ -9,6 +9,8 @@ namespace knothe::likelihood {
 
 void ComposedStepDensity::set(const posterior::ComposedMap& previous, const StepForm& datum) {
   previous_ = &previous;
+  using Factor = CollapsedLogDensity::Factor;
+  factor_ = previous.parts().empty() ? Factor::likelihood_and_dependence : Factor::likelihood;
   likelihood_.set_form(datum);
 }
 
@@ -18,7 +20,7 @@ void ComposedStepDensity::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& x, i
   map_.resize(n, d, derivatives);
   previous_->evaluate(x, derivatives, map_);
   inner_.resize(n, d, derivatives);
-  likelihood_.evaluate_standardised_likelihood(map_.value, derivatives, inner_);
+  likelihood_.evaluate_standardised(map_.value, derivatives, factor_, inner_);
   out.value = inner_.value;
   // Chain rule through z = M^c(x): ∇ = Jᵀ ∇_z and ∇² = Jᵀ ∇²_z J + Σ_i (∂log π/∂z_i) ∇² M^c_i.
   if (derivatives >= 1) {

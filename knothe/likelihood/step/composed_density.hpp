@@ -26,6 +26,7 @@ class ComposedStepDensity final : public posterior::LogDensity {
  private:
   CollapsedLogDensity likelihood_;
   const posterior::ComposedMap* previous_ = nullptr;
+  CollapsedLogDensity::Factor factor_ = CollapsedLogDensity::Factor::likelihood;
   posterior::MapBatch map_;
   posterior::LogDensityBatch inner_;
 };

@@ -102,10 +102,8 @@ PosteriorFunctions posterior_functions(const model::ParameterFunctions& function
 
 PosteriorFunctions prior_functions(const model::ParameterFunctions& functions,
                                    const posterior::PriorTransform& transform) {
-  Eigen::MatrixXd z = numerics::sobol_normal_points(k_prediction_points, transform.dimension(), 1);
-  Eigen::MatrixXd p(z.rows(), z.cols()), none;
-  transform.evaluate(z, 0, p, none, none);
-  return functions_at(functions, all_alike(std::move(p)));
+  const Eigen::MatrixXd z = numerics::sobol_normal_points(k_prediction_points, transform.dimension(), 1);
+  return functions_at(functions, all_alike(transform.points(z)));
 }
 
 }  // namespace knothe::likelihood

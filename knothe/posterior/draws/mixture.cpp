@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
 #include <numbers>
 
@@ -60,6 +61,20 @@ Mixture::Mixture(std::vector<MixtureComponent> components, double tails)
 Eigen::MatrixXd Mixture::sample(Eigen::Index n, RandomNumbers& random) const {
   Eigen::MatrixXd points;
   sample(n, random, points);
+  return points;
+}
+
+Eigen::MatrixXd Mixture::points(const Eigen::Ref<const Eigen::MatrixXd>& normal) const {
+  Eigen::MatrixXd points(normal.rows(), dimension());
+  Eigen::Index i = 0;
+  double cumulative = 0;
+  for (std::size_t k = 0; k < components_.size(); ++k) {
+    const MixtureComponent& c = components_[k];
+    cumulative += c.weight;
+    const bool last = k + 1 == components_.size();
+    for (; i < points.rows() && (last || i + 0.5 < cumulative * points.rows()); ++i)
+      points.row(i) = (c.centre + c.lower * normal.row(i).transpose()).transpose();
+  }
   return points;
 }
 
@@ -126,6 +141,36 @@ void Mixture::log_density(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen
     for (Eigen::Index k = 1; k < parts.cols(); ++k) sum += (parts.col(k) - largest).exp();
     out.segment(begin, size) = (largest + sum.log()).matrix();
   }
+}
+
+/// With shares s_k of the components at a point and ∇ℓ_k = −P_k (x − m_k): ∇ℓ = Σ s_k ∇ℓ_k,
+/// ∇²ℓ = Σ s_k (∇ℓ_k ∇ℓ_kᵀ − P_k) − ∇ℓ ∇ℓᵀ.
+void Mixture::evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
+                       LogDensityBatch& out) const {
+  assert(is_gaussian());
+  const Eigen::Index n = points.rows(), d = dimension();
+  out.resize(n, d, derivatives);
+  log_density(points, out.value);
+  if (derivatives < 1) return;
+  Eigen::ArrayXXd shares;
+  log_densities(points, shares);
+  shares = (shares.colwise() - out.value.array()).exp();
+  out.gradient.setZero();
+  if (derivatives >= 2) out.hessian.setZero();
+  for (Eigen::Index k = 0; k < shares.cols(); ++k) {
+    const Eigen::MatrixXd precision = inverse_[k].transpose() * inverse_[k];
+    const Eigen::MatrixXd slope = (-(points.rowwise() - components_[k].centre.transpose())) * precision;
+    const auto share = shares.col(k);
+    out.gradient.array() += slope.array().colwise() * share;
+    for (Eigen::Index a = 0; derivatives >= 2 && a < d; ++a)
+      for (Eigen::Index b = 0; b <= a; ++b)
+        out.hessian.col(packed_index(a, b)).array() +=
+            share * (slope.col(a).array() * slope.col(b).array() - precision(a, b));
+  }
+  for (Eigen::Index a = 0; derivatives >= 2 && a < d; ++a)
+    for (Eigen::Index b = 0; b <= a; ++b)
+      out.hessian.col(packed_index(a, b)).array() -=
+          out.gradient.col(a).array() * out.gradient.col(b).array();
 }
 
 }  // namespace knothe::posterior

@@ -5,6 +5,7 @@
 #include <limits>
 #include <vector>
 
+#include "knothe/posterior/log_density.hpp"
 #include "knothe/posterior/random_numbers.hpp"
 
 namespace knothe::posterior {
@@ -32,8 +33,12 @@ class Mixture {
   /// chance.
   [[nodiscard]] Eigen::MatrixXd sample(Eigen::Index n, RandomNumbers& random) const;
   void sample(Eigen::Index n, RandomNumbers& random, Eigen::MatrixXd& points) const;
+  /// From points of N(0, I), n × d: each component has its share of the rows, one after the other.
+  [[nodiscard]] Eigen::MatrixXd points(const Eigen::Ref<const Eigen::MatrixXd>& normal) const;
   /// n log-densities. That of a point does not depend on the other points.
   void log_density(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::VectorXd& out) const;
+  /// The same with derivatives, of Gaussians.
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives, LogDensityBatch& out) const;
   /// Those of each component times its weight, n × components.
   void log_densities(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::ArrayXXd& out) const;
 

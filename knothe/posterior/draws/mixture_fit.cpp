@@ -17,17 +17,24 @@ using Components = std::vector<MixtureComponent>;
 
 /// Below this share of all weight, or with fewer points than it has coordinates, a component goes.
 constexpr double k_min_weight = 1e-4;
-/// Log-likelihood per point that an iteration must win.
-constexpr double k_min_gain = 5e-3;
+
+/// The lower triangle's matrix, no eigenvalue of it below `least`.
+Eigen::MatrixXd at_least(const Eigen::MatrixXd& covariance, double least) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(covariance);
+  return axes.eigenvectors() * axes.eigenvalues().cwiseMax(least).asDiagonal() *
+         axes.eigenvectors().transpose();
+}
 
 class Fit {
  public:
   Fit(const Eigen::Ref<const Eigen::MatrixXd>& points, const Eigen::Ref<const Eigen::VectorXd>& weights,
-      int max_iterations)
+      const MixtureFitOptions& options)
       : points_(points),
         weights_(weights),
-        max_iterations_(max_iterations),
-        size_(1 / weights.squaredNorm()),
+        max_iterations_(options.max_iterations),
+        min_gain_(options.min_gain),
+        min_std_(options.min_std),
+        size_(options.worth > 0 ? options.worth : 1 / weights.squaredNorm()),
         d_(points.cols()),
         min_variance_(Eigen::VectorXd::Zero(d_)) {
     const Components all = one();
@@ -48,7 +55,7 @@ class Fit {
     double last = -std::numeric_limits<double>::infinity(), now = last;
     for (int i = 0; i < max_iterations_; ++i) {
       now = step(components);
-      if (i > 0 && now - last < k_min_gain) break;
+      if (i > 0 && now - last < min_gain_) break;
       last = now;
     }
     return now;
@@ -98,6 +105,7 @@ class Fit {
         covariance(a, b) = (weighted_ * (points_.col(b).array() - c.centre[b])).sum() / weight;
       covariance(a, a) += min_variance_[a];
     }
+    if (min_std_ > 0) covariance = at_least(covariance, min_std_ * min_std_);
     const Eigen::LLT<Eigen::MatrixXd> factor(covariance);  // of the lower triangle
     if (factor.info() != Eigen::Success) return;
     c.lower = factor.matrixL();
@@ -107,6 +115,7 @@ class Fit {
   const Eigen::Ref<const Eigen::MatrixXd>& points_;
   const Eigen::Ref<const Eigen::VectorXd>& weights_;
   int max_iterations_;
+  double min_gain_, min_std_;
   double size_;  ///< as many points as the weights are worth
   Eigen::Index d_;
   Eigen::VectorXd min_variance_;
@@ -142,7 +151,7 @@ std::vector<MixtureComponent> fit_mixture(const Eigen::Ref<const Eigen::MatrixXd
                                           std::vector<MixtureComponent> start,
                                           const MixtureFitOptions& options) {
   if (points.rows() < 2) throw UsageError(fmt::format("mixture: {} points to fit one to", points.rows()));
-  Fit fit(points, weights, options.max_iterations);
+  Fit fit(points, weights, options);
   Components best = start.empty() ? fit.one() : std::move(start);
   if (best.empty()) throw NumericalError("mixture: the points have no spread");
   double criterion = fit.criterion(best, fit.iterate(best));

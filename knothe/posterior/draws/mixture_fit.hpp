@@ -9,6 +9,11 @@ namespace knothe::posterior {
 struct MixtureFitOptions {
   std::size_t max_components = 32;
   int max_iterations = 20;  ///< for each number of components
+  double min_gain = 5e-3;   ///< log-likelihood per point that an iteration must win
+  double min_std = 0;       ///< of a component along any axis, in the points' coordinates
+  /// How many independent points these are worth; 0: as many as the weights say. Nodes of a quadrature, whose
+  /// weights have no error, are worth more.
+  double worth = 0;
 };
 
 /// Begins with one Gaussian, or with the components of `start`, and splits all of them along their longest

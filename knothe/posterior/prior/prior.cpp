@@ -4,9 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
+#include "knothe/posterior/prior/joint_prior.hpp"
 
 namespace knothe::posterior {
 
@@ -45,6 +47,13 @@ Prior Prior::lognormal(double mu, double sigma) {
   Prior prior(Family::lognormal, mu, sigma);
   prior.lower_ = 0;
   return prior;
+}
+
+Prior Prior::with_joint(std::shared_ptr<const JointPrior> joint, std::ptrdiff_t column) const {
+  Prior result = *this;
+  result.joint_ = std::move(joint);
+  result.column_ = column;
+  return result;
 }
 
 double Prior::standardise(double p) const {
@@ -156,6 +165,7 @@ std::string Prior::describe() const {
       break;
   }
   if (kept_mass_ < 1) text += fmt::format(" truncated to [{:g}, {:g}]", lower_, upper_);
+  if (joint_) text += ", of " + joint_->origin();
   return text;
 }
 

@@ -1,9 +1,13 @@
 #pragma once
 /// @file Priors of one parameter, and the change of variables p = F⁻¹(Φ(z)) under which a prior is N(0, 1).
+#include <cstddef>
 #include <limits>
+#include <memory>
 #include <string>
 
 namespace knothe::posterior {
+
+class JointPrior;
 
 /// Prior density π₀ of one parameter, possibly restricted to an interval and renormalised there (every prior
 /// is truncated to the model's box: nothing extrapolates silently).
@@ -17,6 +21,9 @@ class Prior {
   /// log p is normal with mean `mu` and standard deviation `sigma`.
   [[nodiscard]] static Prior lognormal(double mu, double sigma);
 
+  /// The same as coordinate `column` of a joint prior (`marginal_of`).
+  [[nodiscard]] Prior with_joint(std::shared_ptr<const JointPrior> joint, std::ptrdiff_t column) const;
+
   /// The same family restricted to [lower, upper] (infinite: not restricted on that side) and renormalised.
   /// Throws ProjectError naming parameter `name` if less than 1e-6 of the untruncated prior's mass lies
   /// inside.
@@ -25,6 +32,9 @@ class Prior {
   [[nodiscard]] Family family() const { return family_; }
   [[nodiscard]] double lower() const { return lower_; }  ///< of the support
   [[nodiscard]] double upper() const { return upper_; }
+  /// What it is part of, or nothing: then it is independent of the others.
+  [[nodiscard]] const std::shared_ptr<const JointPrior>& joint() const { return joint_; }
+  [[nodiscard]] std::ptrdiff_t column() const { return column_; }
   /// Neither truncated nor bounded by its family, and normal: then p = mean + std z exactly.
   [[nodiscard]] bool is_affine() const;
 
@@ -59,6 +69,8 @@ class Prior {
   double a_ = -std::numeric_limits<double>::infinity(), b_ = std::numeric_limits<double>::infinity();
   double below_ = 0, above_ = 0;
   double kept_mass_ = 1;
+  std::shared_ptr<const JointPrior> joint_;
+  std::ptrdiff_t column_ = 0;
 };
 
 }  // namespace knothe::posterior

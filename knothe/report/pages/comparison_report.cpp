@@ -38,10 +38,11 @@ std::string page_of(const Json& comparison, const Json& first, const Json& secon
   const auto parameters = first.at("parameters").get<std::vector<std::string>>();
   double largest = 0;
   for (const double x : c.at("mean_difference").get<Numbers>()) largest = std::max(largest, std::abs(x));
-  Page page("Two methods compared",
-            fmt::format("The means of {} and {} differ by at most {} standard deviations of the posterior.",
-                        a, b, record::readable(largest, 2)));
-  const bool trusted = first.at("trusted") && second.at("trusted");
+  const bool trusted = first.at("trusted") && second.at("trusted"), agree = c.at("agreement") == "agree";
+  Page page(
+      "Two methods compared",
+      fmt::format("{} and {} {}: their means differ by at most {} standard deviations of the posterior.", a,
+                  b, agree ? "agree" : "contradict each other", record::readable(largest, 2)));
   std::vector<std::string> sentences;
   for (const Json* one : {&first, &second})
     sentences.push_back(fmt::format("{}: {} ({} model evaluations)", one->at("method").get<std::string>(),
@@ -51,7 +52,7 @@ std::string page_of(const Json& comparison, const Json& first, const Json& secon
       fmt::format("Log-evidence, {} minus {}: {}.", b, a,
                   record::with_uncertainty(c.at("log_evidence_difference"),
                                            std::max(1e-6, c.at("log_evidence_error").get<double>()))));
-  page.result(trusted ? Usability::usable : Usability::not_usable, sentences);
+  page.result(trusted && agree ? Usability::usable : Usability::not_usable, sentences);
   page.section(fmt::format("{} minus {}, in units of the posterior's standard deviation", b, a));
   std::vector<std::string> head = {"parameter", "mean", "ratio of deviations"};
   for (const double level : c.at("quantile_difference").at("levels").get<Numbers>())

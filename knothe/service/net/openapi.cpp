@@ -68,27 +68,11 @@ std::string openapi_document() {
              boolean = {{"type", "boolean"}};
   const Json numbers = {{"type", "array"}, {"items", number}}, rows = {{"type", "array"}, {"items", numbers}};
   const Json any = {{"type", "object"}};
-  const Json level = {{"type", "string"}, {"enum", {"ok", "caution", "reject"}}};
-  const Json reason = object_of({{"code", words},
-                                 {"level", level},
-                                 {"value", number},
-                                 {"limit", number},
-                                 {"message", words},
-                                 {"cause", words}},
-                                {"code", "level", "value", "limit", "message"});
-  const Json verdict = object_of({{"level", level},
-                                  {"reasons", {{"type", "array"}, {"items", reason}}},
-                                  {"model_shift_std", numbers},
-                                  {"fit_probability", number},
-                                  {"edge_mass", numbers}},
-                                 {"level", "reasons"});
-  Json line = object_of({}, Json::array());
-  record::add_schema(line["properties"], line["required"]);
-  line["properties"].update({{"verdict", verdict},
-                             {"site", words},
-                             {"event", integer},
-                             {"data", integer},
-                             {"received_at", number}});
+  const Json schemas = record::line_schemas();
+  const Json level = schemas["verdict"]["properties"]["level"];
+  Json line = schemas["step"];
+  line["properties"].update(
+      {{"site", words}, {"event", integer}, {"data", integer}, {"received_at", number}});
   for (const char* key : {"site", "event", "data"}) line["required"].push_back(key);
   const Json datum = object_of({{"site", words},
                                 {"source", words},

@@ -257,9 +257,8 @@ void UmBridge::evaluate_posterior(Call& call, int derivatives) {
   call.hessian = Eigen::MatrixXd::Zero(d, d);
   if (!call.inside) return;
   const auto& priors = site.priors();
-  double log_prior = 0;
-  for (Eigen::Index k = 0; k < d; ++k) log_prior += priors[k].log_density(call.p[k]);
-  if (!std::isfinite(log_prior)) return;
+  for (Eigen::Index k = 0; k < d; ++k)
+    if (!std::isfinite(priors[k].log_density(call.p[k]))) return;
   auto [model, form] = site.form_up_to(call.step.value_or(0));
   if (!form)
     throw RequestError(400, "UnsupportedFeature",
@@ -278,14 +277,11 @@ void UmBridge::evaluate_posterior(Call& call, int derivatives) {
   posterior::LogDensityBatch batch;
   batch.resize(1, d, derivatives);
   density->evaluate_likelihood(call.p.transpose(), derivatives, batch);
-  call.value[0] = log_prior + batch.value[0];
-  for (Eigen::Index a = 0; a < d; ++a) {
-    const auto& prior = priors[a];
-    if (derivatives >= 1) call.jacobian(0, a) = batch.gradient(0, a) + prior.log_density_slope(call.p[a]);
-    for (Eigen::Index b = 0; derivatives >= 2 && b <= a; ++b)
-      call.hessian(a, b) = call.hessian(b, a) = batch.hessian(0, a * (a + 1) / 2 + b);
-    if (derivatives >= 2) call.hessian(a, a) += prior.log_density_curvature(call.p[a]);
-  }
+  density->prior().add_log_density(call.p.transpose(), derivatives, batch);
+  call.value[0] = batch.value[0];
+  if (derivatives >= 1) call.jacobian = batch.gradient;
+  for (Eigen::Index a = 0; derivatives >= 2 && a < d; ++a)
+    for (Eigen::Index b = 0; b < d; ++b) call.hessian(a, b) = batch.hessian(0, posterior::packed_index(a, b));
 }
 
 void UmBridge::evaluate_predict(Call& call) {

@@ -85,9 +85,9 @@ Intake::StoreOutcome Intake::store(Measurement measurement, const std::string& n
     // What no request can name could never be withdrawn or released.
     const likelihood::DatumKey& key = measurement.key;
     (void)parse_json_key(Json{{"source", key.source}, {"session", key.session}, {"seq", key.seq}}.dump());
-    site_->journal().ingest(std::move(measurement),
-                            [promise](const JournalWriter::Answer& stored) { promise->set_value(stored); },
-                            std::move(file));
+    site_->journal().ingest(
+        std::move(measurement),
+        [promise](const JournalWriter::Answer& stored) { promise->set_value(stored); }, std::move(file));
     const JournalWriter::Answer stored = answer.get();
     const auto* error = std::get_if<RequestError>(&stored);
     if (error == nullptr) return StoreOutcome::done;

@@ -1,0 +1,59 @@
+#include "knothe/posterior/weighted_posterior_file.hpp"
+
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <sstream>
+
+#include "knothe/base/error.hpp"
+#include "knothe/files/hdf5.hpp"
+
+namespace knothe::posterior {
+namespace {
+
+std::string file_in(const std::string& path) {
+  const std::filesystem::path given(path);
+  if (!std::filesystem::is_directory(given)) return path;
+  for (const char* name : {"posterior.nc", "samples.nc"})
+    if (std::filesystem::exists(given / name)) return (given / name).string();
+  throw DataError(fmt::format(
+      "{}: holds neither posterior.nc nor samples.nc: give the folder of results of `knothe assimilate` or "
+      "`knothe infer`",
+      path));
+}
+
+}  // namespace
+
+WeightedPosterior read_weighted_posterior(const std::string& path) {
+  const files::Hdf5Reader file(file_in(path));
+  if (!file.has("/weighted_posterior"))
+    throw DataError(file.path() + ": has no group weighted_posterior: it is not a posterior of knothe");
+  WeightedPosterior found;
+  std::istringstream names(file.text_attribute("/weighted_posterior", "parameters"));
+  for (std::string name; std::getline(names, name, ',');) found.parameters.push_back(name);
+  // Files before 0.2 have the last step among the others only.
+  const std::string group = file.has("/last_posterior") ? "/last_posterior/" : "/weighted_posterior/";
+  const files::Shape shape = file.shape(group + "points");
+  const std::size_t d = found.parameters.size();
+  if (shape.size() < 2 || shape.size() > 3 || shape[0] == 0 || shape.back() != d)
+    throw DataError(file.path() + ": " + group.substr(1) +
+                    "points must have the shape [point, parameter] or [step, point, parameter]");
+  const std::size_t n = shape[shape.size() - 2];
+  const bool has_steps = shape.size() == 3;
+  const std::size_t last = shape[0] - 1;
+  const std::vector<double> points =
+      has_steps ? file.read_slab(group + "points", {last, 0, 0}, {1, n, d}) : file.read(group + "points");
+  const std::vector<double> weights = has_steps ? file.read_slab(group + "weights", {last, 0}, {1, n})
+                                                : file.read(group + "weights", files::Shape{n});
+  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const Eigen::Index rows = n, columns = d;
+  found.points = Eigen::Map<const RowMajor>(points.data(), rows, columns);
+  found.weights = Eigen::Map<const Eigen::VectorXd>(weights.data(), rows);
+  const double sum = found.weights.sum();
+  if (!(found.weights.minCoeff() >= 0) || !(sum > 0))
+    throw DataError(file.path() + ": " + group.substr(1) + "weights must not be negative, nor all zero");
+  found.weights /= sum;
+  return found;
+}
+
+}  // namespace knothe::posterior

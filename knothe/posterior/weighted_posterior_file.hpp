@@ -1,0 +1,19 @@
+#pragma once
+/// @file The weighted points of a posterior in a file of results.
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+namespace knothe::posterior {
+
+struct WeightedPosterior {
+  std::vector<std::string> parameters;  ///< d
+  Eigen::MatrixXd points;               ///< n × d
+  Eigen::VectorXd weights;              ///< n, sum 1
+};
+
+/// Of `posterior.nc`, where it is that of the last step, or of `samples.nc`; `path`: the file, or a folder
+/// that has one of them. Errors: DataError where there is none, or it is damaged.
+[[nodiscard]] WeightedPosterior read_weighted_posterior(const std::string& path);
+
+}  // namespace knothe::posterior
