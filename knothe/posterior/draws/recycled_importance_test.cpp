@@ -224,7 +224,7 @@ TEST(RecycledImportance, NoDensityAtAllAndAnInterrupt) {
     (void)recycled_importance(elsewhere);
     FAIL();
   } catch (const NumericalError& error) {
-    EXPECT_STREQ(error.what(), "smc: the density is zero at all 1000 first draws from N(0, I)");
+    EXPECT_STREQ(error.what(), "smc: the density is zero at all 4000 first draws from N(0, I)");
   }
   KnownMixture target({{1.0, Eigen::Vector2d(0.5, 0), 0.5 * Eigen::MatrixXd::Identity(2, 2)}}, 0);
   RecycledImportanceOptions options;
