@@ -104,6 +104,8 @@ def of_gaussians():
     yield Density("Gaussian, 2, correlation 0.999", gaussian([0, 0], [[1, 0.999], [0.999, 1]]), normal(2), [0, 0], [1, 1])
     c = 0.9 * np.ones((5, 5)) + 0.1 * np.eye(5)
     yield Density("Gaussian, 5, correlation 0.9", gaussian([0] * 5, c), normal(5), [0] * 5, [1] * 5)
+    scales = np.geomspace(0.1, 10, 10)
+    yield Density("Gaussian, 10, widths 0.1 to 10", gaussian([0] * 10, np.diag(scales ** 2)), normal(10, 2), [0] * 10, scales)
 
 
 def of_bends():
@@ -112,6 +114,8 @@ def of_bends():
         yield Density("banana 100:1" + name, rosenbrock, region, [1, 11], [math.sqrt(10), math.sqrt(0.1 + 4 * 10 + 2 * 100)])
     yield Density("banana 10:1", twisted(0.5, 0.1), normal(2, 2), [0, 0.5], [1, math.sqrt(0.5 + 0.01)])
     yield Density("banana mild", twisted(0.3, 1), normal(2, 2), [0, 0.3], [1, math.sqrt(0.18 + 1)])
+    yield Density("banana mild, region beside", twisted(0.3, 1), normal(2, 1, 4), [0, 0.3], [1, math.sqrt(0.18 + 1)])
+    yield Density("banana mild, 10", twisted(0.3, 1), normal(10, 2), [0, 0.3] + [0] * 8, [1, math.sqrt(0.18 + 1)] + [1] * 8)
     yield Density("banana, 5", twisted(0.5, 0.3), normal(5, 2), [0, 0.5, 0, 0, 0], [1, math.sqrt(0.5 + 0.09), 1, 1, 1])
     for d in (2, 5):
         yield Density(f"funnel mild, {d}", funnel(1.5), normal(d, 3), [0] * d, [1.5] + [math.exp(0.5 * 1.5 ** 2 / 2 * 1)] * (d - 1))
@@ -119,6 +123,9 @@ def of_bends():
     for d in (2, 10):
         yield Density(f"Neal's funnel, {d}", funnel(3.0), normal(d, 5), [0] * d, [3.0] + [math.exp(9 / 4)] * (d - 1))
     yield Density("ring", ring(2, 0.2), normal(2, 2), [0, 0], [ring_std(2, 0.2, 2)] * 2)
+    yield Density("ring, region 10 times too wide", ring(2, 0.2), normal(2, 20), [0, 0], [ring_std(2, 0.2, 2)] * 2)
+    yield Density("ring, region 10 times too narrow", ring(2, 0.2), normal(2, 0.2), [0, 0], [ring_std(2, 0.2, 2)] * 2)
+    yield Density("ring, region beside", ring(2, 0.2), normal(2, 1, 4), [0, 0], [ring_std(2, 0.2, 2)] * 2)
     yield Density("ring thin", ring(2, 0.05), normal(2, 2), [0, 0], [ring_std(2, 0.05, 2)] * 2)
     yield Density("shell, 3", ring(2, 0.3), normal(3, 2), [0] * 3, [ring_std(2, 0.3, 3)] * 3)
 
@@ -127,7 +134,10 @@ def of_mixtures():
     for name, w, m, s, spread in (
             ("two modes", [0.5, 0.5], [[-3, 0], [3, 0]], [0.5, 0.5], 3), ("two modes, 0.1 to 0.9", [0.1, 0.9], [[-4, 0], [3, 1]], [0.5, 1.0], 3),
             ("narrow in wide", [0.5, 0.5], [[0, 0], [2, 2]], [2.0, 0.2], 3), ("three modes, 1", [0.2, 0.5, 0.3], [[-5], [0], [4]], [0.5, 1.0, 0.3], 4),
-            ("two modes, 4", [0.3, 0.7], [[-2] * 4, [2] * 4], [0.7, 0.5], 2)):
+            ("two modes, 4", [0.3, 0.7], [[-2] * 4, [2] * 4], [0.7, 0.5], 2), ("two modes, 10", [0.3, 0.7], [[-1] * 10, [1] * 10], [0.7, 0.5], 2),
+            ("two modes, region 10 times too wide", [0.5, 0.5], [[-3, 0], [3, 0]], [0.5, 0.5], 30),
+            ("two modes, region too narrow", [0.3, 0.7], [[-3, 0], [3, 0]], [0.5, 0.5], 1),
+            ("narrow in wide, 5", [0.5, 0.5], [[0] * 5, [1] * 5], [1.0, 0.2], 2)):
         log, mean, std = mixture(w, m, s)
         yield Density(name, log, normal(len(m[0]), spread), mean, std)
 
@@ -136,10 +146,13 @@ def of_tails():
     yield Density("Cauchy", student(1), normal(1, 3), INFINITE, INFINITE)
     yield Density("Cauchy, 2", student(1), normal(2, 3), INFINITE, INFINITE)
     yield Density("Student-t 2", student(2), normal(1, 3), [0], INFINITE)
-    for nu, d in ((3, 1), (5, 1), (5, 2), (5, 5), (10, 5)):
+    for nu, d in ((3, 1), (5, 1), (5, 2), (5, 5), (10, 5), (10, 10)):
         yield Density(f"Student-t {nu}, {d}", student(nu), normal(d, 2), [0] * d, [math.sqrt(nu / (nu - 2))] * d)
     yield Density("Laplace", lambda p: -np.abs(p[:, 0] - 1.7), normal(1), [1.7], [math.sqrt(2)])
-    yield Density("Laplace, 3", lambda p: -np.abs(p).sum(1), normal(3), [0] * 3, [math.sqrt(2)] * 3)
+    for d in (3, 10):
+        yield Density(f"Laplace, {d}", lambda p: -np.abs(p).sum(1), normal(d), [0] * d, [math.sqrt(2)] * d)
+    for name, region in (("10 times too wide", normal(2, 10)), ("10 times too narrow", normal(2, 0.1)), ("beside", normal(2, 1, 6))):
+        yield Density(f"Student-t 5, 2, region {name}", student(5), region, [0] * 2, [math.sqrt(5 / 3)] * 2)
     log = lambda p: -np.abs(p[:, :1] - np.array([1, 2, 4, 2.5, 3])).sum(1)  # noqa: E731
     yield Density("L1 of five data", log, normal(1), *by_lines(log, -20, 25))
     yield Density("lognormal 1", inside(lambda p: p[:, 0] > 0, lambda p: -0.5 * np.log(p[:, 0]) ** 2 - np.log(p[:, 0])), normal(1, 2),
@@ -150,11 +163,15 @@ def of_bounds():
     yield Density("exponential", inside(lambda p: p[:, 0] >= 0, lambda p: -p[:, 0]), normal(1, 2), [1], [1])
     yield Density("half normal", inside(lambda p: p[:, 0] >= 0, lambda p: -0.5 * p[:, 0] ** 2), normal(1, 2), [math.sqrt(2 / math.pi)],
                   [math.sqrt(1 - 2 / math.pi)])
+    yield Density("half normal, region beside", inside(lambda p: p[:, 0] >= 0, lambda p: -0.5 * p[:, 0] ** 2), normal(1, 1, -3), [math.sqrt(2 / math.pi)],
+                  [math.sqrt(1 - 2 / math.pi)])
     yield Density("half normal, 4", inside(lambda p: (p >= 0).all(1), lambda p: -0.5 * (p ** 2).sum(1)), normal(4, 2), [math.sqrt(2 / math.pi)] * 4,
                   [math.sqrt(1 - 2 / math.pi)] * 4)
     yield Density("disc", inside(lambda p: (p ** 2).sum(1) < 1), normal(2), [0, 0], [0.5, 0.5])
     yield Density("triangle", inside(lambda p: (p[:, 0] > 0) & (p[:, 0] < p[:, 1]) & (p[:, 1] < 1)), normal(2), [1 / 3, 2 / 3], [math.sqrt(1 / 18)] * 2)
     yield Density("square", inside(lambda p: (np.abs(p - 1) < 2).all(1)), normal(2), [1, 1], [2 / math.sqrt(3)] * 2)
+    yield Density("square, region 10 times too wide", inside(lambda p: (np.abs(p - 1) < 2).all(1)), normal(2, 10), [1, 1], [2 / math.sqrt(3)] * 2)
+    yield Density("cube, 6", inside(lambda p: ((p > 0) & (p < 1)).all(1)), [("uniform", -1, 2)] * 6, [0.5] * 6, [math.sqrt(1 / 12)] * 6)
     yield Density("plateau", lambda p: -((p ** 2).sum(1)) ** 4, normal(2, 2), *by_planes(lambda p: -((p ** 2).sum(1)) ** 4, -2, 2))
     yield Density("gamma 1.2", inside(lambda p: p[:, 0] > 0, lambda p: 0.2 * np.log(p[:, 0]) - p[:, 0]), normal(1, 2), [1.2], [math.sqrt(1.2)])
     yield Density("beta 2 3", inside(lambda p: (p[:, 0] > 0) & (p[:, 0] < 1), lambda p: np.log(p[:, 0]) + 2 * np.log1p(-p[:, 0])), [("uniform", 0, 1)],

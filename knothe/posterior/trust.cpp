@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "knothe/posterior/chains/adaptive_metropolis.hpp"
 #include "knothe/posterior/weighted_sample.hpp"
 
@@ -87,8 +89,8 @@ Trust trust_of(const ImportanceResult& draws, double temperature) {
   else
     trust.reason = temperature < 1 ? fmt::format(
                                          "tempering stopped before the posterior, at temperature "
-                                         "{:.2g} of 1; use method mcmc",
-                                         temperature)
+                                         "{:.2g} of 1; raise evaluations, or use method mcmc",
+                                         std::min(temperature, 0.99))
                                    : trust.figures + "; raise evaluations, or use method mcmc";
   return trust;
 }

@@ -4,6 +4,8 @@
 
 #include <cmath>
 
+#include "knothe/posterior/weighted_sample.hpp"
+
 namespace knothe::posterior {
 namespace {
 
@@ -20,6 +22,15 @@ TEST(Trust, TheReasonIsInWords) {
             "the variance diagnostic on independent points is 0.2, above 0.05; the effective sample size is "
             "75 % of "
             "the points, below 90 %; a second mode was found at z = (1, 2)");
+}
+
+TEST(Trust, TemperingThatStoppedIsNotSaidToBeAtItsEnd) {
+  ImportanceResult draws;
+  draws.mean_error = draws.deviation_error = 1;
+  EXPECT_EQ(
+      trust_of(draws, 0.999).reason,
+      "tempering stopped before the posterior, at temperature 0.99 of 1; raise evaluations, or use method "
+      "mcmc");
 }
 
 TEST(Trust, WhatIsNotANumberIsNotTrusted) {

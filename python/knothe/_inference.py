@@ -113,7 +113,13 @@ class InferenceResult(Posterior):
 
 def _over_points(function: Callable[[Array], ArrayLike]) -> Callable[[Array], Array]:
     """A function of one point as a function of many."""
-    return lambda points: np.array([numbers(function(point), "the model's values").ravel() for point in points])
+    def at(points: Array) -> Array:
+        answers = [function(point) for point in points]
+        if all(isinstance(answer, float) for answer in answers):  # of a density: a microsecond a point less
+            return np.array(answers)
+        return np.array([numbers(answer, "the model's values").ravel() for answer in answers])
+
+    return at
 
 
 def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parameters: Mapping[str, Prior] | None = None, *,

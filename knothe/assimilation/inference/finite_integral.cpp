@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "knothe/base/error.hpp"
-#include "knothe/posterior/mode_search.hpp"
+#include "knothe/posterior/checked_density.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -38,13 +38,11 @@ bool mass_falls(posterior::CheckedDensity& target, const posterior::Mode& mode, 
 
 }  // namespace
 
-void require_finite_integral(PosteriorDensity& posterior, const std::vector<std::string>& names) {
+void require_finite_integral(PosteriorDensity& posterior, const posterior::Mode& mode,
+                             const std::vector<std::string>& names) {
   const Eigen::Index d = posterior.dimension();
   posterior::CheckedDensity target(posterior);
   const posterior::CheckedDensity::Leniency lenient(target);
-  std::vector<posterior::Mode> modes;
-  posterior::ModeSearch().run(target, true, modes);
-  const posterior::Mode& mode = modes.front();
   // Rays that have not fallen yet: column k of L, upwards or downwards.
   struct Ray {
     Eigen::VectorXd direction;

@@ -18,6 +18,7 @@
 #include "knothe/numerics/statistics/distinct_draws.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/posterior/draws/outward_walks.hpp"
+#include "knothe/posterior/mode_search.hpp"
 #include "knothe/posterior/solve.hpp"
 
 namespace knothe::assimilation {
@@ -316,7 +317,7 @@ double InferenceResult::seconds() const {
 namespace {
 
 void solve(PosteriorDensity& posterior, ModelEvaluator& evaluator, const InferenceOptions& options,
-           InferenceResult& r) {
+           const std::vector<posterior::Mode>& modes, InferenceResult& r) {
   switch (r.method) {
     case Method::transport:
       return by_transport(posterior, evaluator, options, r);
@@ -328,7 +329,7 @@ void solve(PosteriorDensity& posterior, ModelEvaluator& evaluator, const Inferen
     }
     case Method::sequential_monte_carlo: {
       const Phase phase("weighted draws", evaluator, r);
-      return by_weighted_draws(posterior, evaluator, options, r);
+      return by_weighted_draws(posterior, evaluator, options, modes, r);
     }
     default:
       throw UsageError(
@@ -338,14 +339,14 @@ void solve(PosteriorDensity& posterior, ModelEvaluator& evaluator, const Inferen
 
 /// By weighted draws where the method asked for comes to nothing.
 void solve_somehow(PosteriorDensity& posterior, ModelEvaluator& evaluator, const InferenceOptions& options,
-                   InferenceResult& r) {
+                   const std::vector<posterior::Mode>& modes, InferenceResult& r) {
   const Method asked = r.method;
-  if (asked == Method::sequential_monte_carlo) return solve(posterior, evaluator, options, r);
+  if (asked == Method::sequential_monte_carlo) return solve(posterior, evaluator, options, modes, r);
   try {
     // What is left is for the draws, should there be no answer.
     constexpr double k_share = 0.8;
     const Limit limit(evaluator, up_to_share(evaluator, k_share));
-    return solve(posterior, evaluator, options, r);
+    return solve(posterior, evaluator, options, modes, r);
   } catch (const NumericalError& error) {
     InferenceResult by_draws;
     by_draws.phases = std::move(r.phases);
@@ -353,7 +354,7 @@ void solve_somehow(PosteriorDensity& posterior, ModelEvaluator& evaluator, const
     r.method = Method::sequential_monte_carlo;
     InferenceOptions others = options;  // draws of their own, should `smc` be what this is compared with
     ++others.seed;
-    solve(posterior, evaluator, others, r);
+    solve(posterior, evaluator, others, modes, r);
     const std::string why = fmt::format("method {} gave no answer ({}), and weighted draws were made",
                                         to_text(asked), error.what());
     r.remark = r.remark.empty() ? why : why + "; " + r.remark;
@@ -361,13 +362,20 @@ void solve_somehow(PosteriorDensity& posterior, ModelEvaluator& evaluator, const
   }
 }
 
-/// A look at a quarter of the budget at most: where that does not tell, the draws will.
-void check_integral(PosteriorDensity& posterior, ModelEvaluator& evaluator, const InferenceOptions& options) {
+/// Of a density given by its logarithm, which is looked at before it is solved: whether it has an integral,
+/// and where its modes are; for a quarter of the budget at most: where that does not tell, the draws will.
+std::vector<posterior::Mode> modes_of_integrable(PosteriorDensity& posterior, ModelEvaluator& evaluator,
+                                                 const InferenceOptions& options) {
   const Limit limit(evaluator, up_to_share(evaluator, 0.25));
+  std::vector<posterior::Mode> modes;
   try {
-    require_finite_integral(posterior, options.names);
+    posterior::CheckedDensity target(posterior);
+    const posterior::CheckedDensity::Leniency lenient(target);
+    posterior::ModeSearch().run(target, true, modes);
+    require_finite_integral(posterior, modes.front(), options.names);
   } catch (const BudgetSpent&) {
   }
+  return modes;
 }
 
 }  // namespace
@@ -377,8 +385,9 @@ InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
   InferenceResult r;
   r.method = one_shot(options.method, posterior.dimension(), evaluator.model().is_cheap());
   const Limit limit(evaluator, budget_of(options, r, evaluator));
-  if (posterior.is_density()) check_integral(posterior, evaluator, options);
-  solve_somehow(posterior, evaluator, options, r);
+  std::vector<posterior::Mode> modes;
+  if (posterior.is_density()) modes = modes_of_integrable(posterior, evaluator, options);
+  solve_somehow(posterior, evaluator, options, modes, r);
   add_higher_moments(posterior, options, r);
   {
     const Phase phase("most probable point", evaluator, r);

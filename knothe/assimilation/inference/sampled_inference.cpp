@@ -40,8 +40,10 @@ void by_markov_chains(PosteriorDensity& posterior, const ModelEvaluator& evaluat
 }
 
 void by_weighted_draws(PosteriorDensity& posterior, const ModelEvaluator& evaluator,
-                       const InferenceOptions& options, InferenceResult& r) {
+                       const InferenceOptions& options, const std::vector<posterior::Mode>& modes,
+                       InferenceResult& r) {
   posterior::RecycledImportanceOptions draw_options;
+  draw_options.modes = modes;
   const bool is_limited = evaluator.budget() != ModelEvaluator::k_no_budget;
   if (is_limited) {
     const std::int64_t left = evaluator.budget() - evaluator.spent(),

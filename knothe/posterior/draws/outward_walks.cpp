@@ -219,7 +219,11 @@ MassBeyond walk_outwards(CheckedDensity& target, const DrawsToJudge& draws,
   Eigen::MatrixXd covariance;
   numerics::mean_and_covariance(draws.points, draws.weights, mean, covariance);
   const Eigen::MatrixXd lower = factor_of(covariance);
-  Walks walks(target, draws.points(starts_of(draws, influence, options), Eigen::all), lower, options.seed);
+  const std::vector<Eigen::Index> chosen = starts_of(draws, influence, options);
+  Eigen::MatrixXd starts(std::ssize(chosen) + draws.more_starts.rows(), target.dimension());
+  starts.topRows(std::ssize(chosen)) = draws.points(chosen, Eigen::all);
+  if (draws.more_starts.rows() > 0) starts.bottomRows(draws.more_starts.rows()) = draws.more_starts;
+  Walks walks(target, std::move(starts), lower, options.seed);
   MassBeyond beyond;
   std::vector<Place> places;
   for (int step = 0; step < options.steps; ++step) {
@@ -242,8 +246,8 @@ MassBeyond walk_outwards(CheckedDensity& target, const DrawsToJudge& draws,
   return beyond;
 }
 
-std::int64_t cost_of_walks(Eigen::Index d, const OutwardWalkOptions& options) {
-  const std::int64_t walks = 2 * std::min(d, options.most_variables) + k_heaviest;
+std::int64_t cost_of_walks(Eigen::Index d, Eigen::Index more_starts, const OutwardWalkOptions& options) {
+  const std::int64_t walks = 2 * std::min(d, options.most_variables) + k_heaviest + more_starts;
   const std::int64_t shape = d > k_full_shape ? 2 * d : 1 + d + d * d;
   return walks * (1 + options.steps + (options.steps / steps_between_shapes(d) + 1) * shape);
 }

@@ -24,6 +24,7 @@ struct DrawsToJudge {
   /// Log of the weight that a draw at each of these points (m × d) would have had, its log π̄ [m] given.
   std::function<Eigen::VectorXd(const Eigen::MatrixXd&, const Eigen::VectorXd&)> log_weight;
   std::function<Eigen::MatrixXd(const Eigen::MatrixXd&)> to_variables;  ///< empty: the same
+  Eigen::MatrixXd more_starts = {};                                     ///< m × d: of walks besides
 };
 
 /// Where the target has mass that the draws have hardly seen.
@@ -36,7 +37,8 @@ struct MassBeyond {
   [[nodiscard]] bool found() const { return !places.empty(); }
 };
 
-/// Metropolis walks that begin at the draws at both ends of each variable and where weights tell most. Steps
+/// Metropolis walks that begin at the draws at both ends of each variable, where weights tell most, and at
+/// `more_starts`. Steps
 /// have the shape of the target there, by its curvature, and follow it along bent ridges and into narrow
 /// necks. The states are draws of the target near the border of what the weighted draws have reached. One
 /// that would have had a weight which alone moves a moment by more than a third of what is tolerated shows
@@ -45,6 +47,7 @@ struct MassBeyond {
                                        const OutwardWalkOptions& options = {});
 
 /// About what `walk_outwards` evaluates, in values of a density that has no derivatives.
-[[nodiscard]] std::int64_t cost_of_walks(Eigen::Index dimension, const OutwardWalkOptions& options = {});
+[[nodiscard]] std::int64_t cost_of_walks(Eigen::Index dimension, Eigen::Index more_starts,
+                                         const OutwardWalkOptions& options = {});
 
 }  // namespace knothe::posterior

@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include "knothe/posterior/testing/known_mixture.hpp"
 #include "knothe/posterior/testing/test_targets.hpp"
 #include "knothe/posterior/weighted_sample.hpp"
 
@@ -26,7 +27,8 @@ struct CutDraws {
 
 /// The draws came from the target itself where `is_kept`, and from e⁻³⁰ of it beyond.
 MassBeyond look(LogDensity& user, const CutDraws& draws,
-                const std::function<bool(const Eigen::RowVectorXd&)>& is_kept, std::uint64_t seed) {
+                const std::function<bool(const Eigen::RowVectorXd&)>& is_kept, std::uint64_t seed,
+                const Eigen::MatrixXd& more_starts = {}) {
   CheckedDensity target(user);
   const double log_n = std::log(draws.points.rows());
   return walk_outwards(target,
@@ -39,7 +41,8 @@ MassBeyond look(LogDensity& user, const CutDraws& draws,
                             log_weight[i] = (is_kept(z.row(i)) ? 0 : 30) - log_n;
                           return log_weight;
                         },
-                        {}},
+                        {},
+                        more_starts},
                        {.seed = seed});
 }
 
@@ -96,6 +99,24 @@ TEST(OutwardWalks, TheNeckOfAFunnelIsFound) {
     all.col(0) *= 3;
     for (Eigen::Index k = 1; k < 5; ++k) all.col(k).array() *= (0.5 * all.col(0).array()).exp();
     EXPECT_TRUE(look(funnel, CutDraws(all, mouth), mouth, seed).found()) << seed;
+  }
+}
+
+/// ½ N(−2, I/16) + ½ N(2, I/16), and draws of the first mode alone: walks from these never come to the other,
+/// one that begins between both may.
+TEST(OutwardWalks, AModeWithoutDrawsIsFoundFromBetween) {
+  const Eigen::Index d = 8;
+  const Eigen::VectorXd centre = Eigen::VectorXd::Constant(d, 2);
+  const Eigen::MatrixXd lower = 0.25 * Eigen::MatrixXd::Identity(d, d);
+  targets::KnownMixture target({{0.5, -centre, lower}, {0.5, centre, lower}}, 0);
+  const auto first = [](const Eigen::RowVectorXd& z) { return z.sum() < 0; };
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    const Eigen::MatrixXd draws = (0.25 * RandomNumbers(seed).normals(2000, d)).array() - 2;
+    EXPECT_FALSE(look(target, CutDraws(draws, first), first, seed).found()) << seed;
+    const Eigen::MatrixXd between = Eigen::MatrixXd::Constant(1, d, 0.1);
+    const MassBeyond beyond = look(target, CutDraws(draws, first), first, seed, between);
+    ASSERT_TRUE(beyond.found()) << seed;
+    for (const MixtureComponent& place : beyond.places) EXPECT_GT(place.centre.sum(), 0);
   }
 }
 

@@ -27,8 +27,16 @@ constexpr double k_flat = 0.5;
 constexpr std::size_t k_rounds_before_ascents = 8;
 constexpr Eigen::Index k_ascents = 4;
 constexpr double k_widened = 1.2;
-/// The first look beyond the draws is when errors are so many times what is tolerated.
-constexpr double k_early = 3;
+/// The first look beyond the draws is when errors are so many times what is tolerated. Another one is when
+/// there are so many times as many draws; at once, where a single draw could have moved a moment by so many
+/// times what is tolerated: there the draws are far from where the mass ends.
+constexpr double k_early = 3, k_more_draws = 1.5, k_far_from_end = 10;
+/// Where no first draw has any density, there are so many batches of them.
+constexpr int k_first_batches = 4;
+/// Walks from draws of the flattened target: in few dimensions fits to such draws miss no mode.
+Eigen::Index flat_walks(Eigen::Index d) {
+  return std::min<Eigen::Index>(4, d / 2);
+}
 /// Points that a fit looks at, and those that dependence of coordinates is judged by.
 constexpr Eigen::Index k_fit_points = 2048, k_group_points = 1024;
 double log_sum(double a, double b) {
@@ -42,13 +50,13 @@ MixtureProduct of_all(const Mixture& mixture) {
   return MixtureProduct({{all, mixture}});
 }
 
-Mixture around(const std::vector<Mode>& modes) {
+std::vector<MixtureComponent> around(const std::vector<Mode>& modes) {
   constexpr double k_min_weight = 0.01;
   std::vector<MixtureComponent> components;
   for (const Mode& m : modes)
     components.push_back({std::max(k_min_weight, std::exp(m.log_mass - modes.front().log_mass)), m.point,
                           k_widened * m.lower});
-  return Mixture(std::move(components), k_tails);
+  return components;
 }
 
 /// All draws so far, as draws from the mixture of all proposals so far.
@@ -88,7 +96,7 @@ class Draws {
     return log_target - sum - Eigen::VectorXd::Constant(sum.size(), weigh(1).log_sum);
   }
   [[nodiscard]] bool are_all_outside() const {
-    return !(log_target_.maxCoeff() > CheckedDensity::k_min_log_density);
+    return size() == 0 || !(log_target_.maxCoeff() > CheckedDensity::k_min_log_density);
   }
 
   /// Normalised weights for ρ^{1−β} π̄^β, the log of their sum before and their effective number.
@@ -108,10 +116,10 @@ class Draws {
     return w;
   }
 
-  /// The largest β, not below `lowest`, whose weights are worth `enough` draws.
-  [[nodiscard]] double next_temperature(double lowest, double enough) const {
+  /// The largest β whose weights are worth `enough` draws.
+  [[nodiscard]] double next_temperature(double enough) const {
     if (weigh(1).effective_size >= enough) return 1;
-    double low = lowest, high = 1;
+    double low = 0, high = 1;
     for (int i = 0; i < 60; ++i) {
       const double middle = low > 0 ? std::sqrt(low * high) : 0.5 * (low + high);
       (weigh(middle).effective_size >= enough ? low : high) = middle;
@@ -196,10 +204,10 @@ void state(const Draws& draws, const RecycledImportanceOptions& options, Recycle
   r.converged = r.converged && r.temperatures.back() == 1;
 }
 
-/// Where ascents lead; nowhere, if they fail or are too many: then draws go on without.
-std::vector<Mode> climb(CheckedDensity& target, const Eigen::MatrixXd& starts,
+/// The modes that are known and those that ascents lead to; these fail, or are too many: then draws go on
+/// without.
+std::vector<Mode> climb(CheckedDensity& target, const Eigen::MatrixXd& starts, std::vector<Mode> modes,
                         const std::function<bool()>& is_enough) {
-  std::vector<Mode> modes;
   try {
     ModeSearch().ascend_from(target, starts, modes, is_enough);
   } catch (const NumericalError&) {
@@ -207,9 +215,11 @@ std::vector<Mode> climb(CheckedDensity& target, const Eigen::MatrixXd& starts,
   return modes;
 }
 
-/// Nothing, if walks fail.
-std::optional<MassBeyond> look_beyond(CheckedDensity& target, const Draws& draws,
+/// `flat`: β of a flattened target, whose draws may come to modes that no other draw comes to. Nothing, if
+/// walks fail.
+std::optional<MassBeyond> look_beyond(CheckedDensity& target, const Draws& draws, double flat,
                                       const RecycledImportanceOptions& options, int turn) try {
+  const std::uint64_t seed = options.seed + turn;
   const Eigen::MatrixXd variables = variables_of(draws, options);
   const Eigen::VectorXd weights = draws.weigh(1).values;
   const CheckedDensity::Leniency lenient(target);
@@ -217,11 +227,35 @@ std::optional<MassBeyond> look_beyond(CheckedDensity& target, const Draws& draws
       target,
       {draws.points(), variables, weights,
        [&](const auto& points, const auto& values) { return draws.log_weights_at(points, values); },
-       options.variables},
-      {.seed = options.seed + turn});
+       options.variables,
+       draws.at(flat, Eigen::VectorXd::Ones(draws.size()), flat_walks(draws.points().cols()), seed).points},
+      {.seed = seed});
 } catch (const NumericalError&) {
   return std::nullopt;
 }
+
+/// When walks look beyond the draws: when these are good, and now and then before. Draws at places found are
+/// judged after a fit to them, but for the last few.
+struct Looks {
+  int count = 0;
+  bool early = true, is_fitted = true;
+  double next = 0;  ///< number of draws
+
+  [[nodiscard]] bool is_due(const RecycledImportanceResult& r, bool is_good, Eigen::Index draws) const {
+    return is_fitted &&
+           (is_good || (early && draws >= next && r.temperatures.back() == 1 && r.is_within(k_early)));
+  }
+  void add(const MassBeyond& beyond, bool is_good, Eigen::Index draws) {
+    ++count;
+    const double moved = std::max(beyond.mean_shift / ImportanceResult::k_mean_tolerance,
+                                  beyond.deviation_shift / ImportanceResult::k_deviation_tolerance);
+    const bool is_far = moved > k_far_from_end;
+    early = early && !is_good && beyond.found();
+    is_fitted = !beyond.found() || (is_good && !is_far);
+    next = is_far ? 0 : k_more_draws * draws;
+  }
+  void go_on() { is_fitted = true; }
+};
 
 }  // namespace
 
@@ -233,55 +267,68 @@ RecycledImportanceResult recycled_importance(LogDensity& user_target,
   RandomNumbers random(options.seed);
   Draws draws(d);
   const auto spent = [&] { return options.spent ? options.spent() : target.evaluations(); };
-  const std::int64_t for_walks = options.looks_beyond ? cost_of_walks(d) : 0;
-  const auto affordable = [&] { return spent() + options.draws + for_walks <= options.max_evaluations; };
+  const std::int64_t for_walks = options.looks_beyond ? cost_of_walks(d, flat_walks(d)) : 0;
+  const auto in_a_round = [&] {
+    return std::min<Eigen::Index>(options.draws, options.max_evaluations - spent() - for_walks);
+  };
+  const auto affordable = [&] { return in_a_round() >= std::max<Eigen::Index>(1, options.draws / 4); };
   const auto report = [&] {
     const double share = spent() / static_cast<double>(options.max_evaluations);
     if (options.progress && !options.progress(std::min(1.0, share)))
       throw Interrupted(fmt::format("smc: interrupted after {} draws", draws.size()));
   };
+  const auto add_some = [&](std::vector<MixtureComponent> places) {
+    const Eigen::Index half = (options.draws + 1) / 2;
+    draws.add(target, of_all(Mixture(std::move(places), k_tails)), std::min(half, in_a_round()), random);
+  };
   report();
-  draws.add(target, of_all(Mixture::standard_normal(d)), options.draws, random);
+  for (int batch = 0; batch < k_first_batches && draws.are_all_outside() && (batch == 0 || affordable());
+       ++batch)
+    draws.add(target, of_all(Mixture::standard_normal(d)), options.draws, random);
+  if (draws.are_all_outside() && !options.modes.empty() && affordable()) add_some(around(options.modes));
   if (draws.are_all_outside())
     throw NumericalError(
         fmt::format("smc: the density is zero at all {} first draws from N(0, I)", draws.size()));
   RecycledImportanceResult result;
   bool ascended = false;
-  int looks = 0;
-  bool early = options.looks_beyond;
-  for (double beta = 0;;) {
-    beta = draws.next_temperature(beta, enough);
+  Looks looks;
+  while (true) {
+    const double beta = draws.next_temperature(enough);
     result.temperatures.push_back(beta);
     state(draws, options, result);
     const bool is_good = result.is_done(options.share_of_tolerance);
-    const bool is_fair = early && beta == 1 && affordable() && result.is_within(k_early);
-    if (is_good || is_fair || !affordable()) {
-      if (!options.looks_beyond || !(result.converged || is_fair)) break;
-      result.mass_beyond = looks > 0;  // until it is seen that nothing is left
+    if (!affordable() || (options.looks_beyond ? looks.is_due(result, is_good, draws.size()) : is_good)) {
+      if (!options.looks_beyond || !(result.converged || affordable())) break;
+      result.mass_beyond = looks.count > 0;  // until it is seen that nothing is left
       if (spent() + for_walks > options.max_evaluations) break;
-      const std::optional<MassBeyond> beyond = look_beyond(target, draws, options, looks++);
+      const std::optional<MassBeyond> beyond =
+          look_beyond(target, draws, result.temperatures.front(), options, looks.count);
       if (!beyond) break;
       result.mass_beyond = beyond->found();
-      early = early && !is_good && beyond->found();
+      looks.add(*beyond, is_good, draws.size());
       if ((is_good && !beyond->found()) || !affordable()) break;
       report();
       if (beyond->found()) {
-        draws.add(target, of_all(Mixture(beyond->places, k_tails)), options.draws, random);
+        add_some(beyond->places);
         continue;
       }
     }
     report();
-    if (beta < 1 && !ascended && result.temperatures.size() >= k_rounds_before_ascents) {
+    const bool can_fit = draws.weigh(beta).effective_size >= 2 * (d + 2);
+    if (beta < 1 && !ascended && (!can_fit || result.temperatures.size() >= k_rounds_before_ascents)) {
       ascended = true;
       const std::int64_t enough_spent = spent() + (options.max_evaluations - spent()) / 4;
       const std::vector<Mode> modes =
           climb(target, draws.at(beta, Eigen::VectorXd::Ones(draws.size()), k_ascents, options.seed).points,
-                [&] { return spent() > enough_spent; });
+                options.modes, [&] { return spent() > enough_spent; });
       if (!affordable()) break;
-      if (!modes.empty()) draws.add(target, of_all(around(modes)), options.draws, random);
+      if (!modes.empty()) add_some(around(modes));
     } else {
-      draws.add(target, fitted(draws, beta, enough / 3, options), options.draws, random);
+      draws.add(target,
+                can_fit ? fitted(draws, beta, enough / 3, options) : of_all(Mixture::standard_normal(d)),
+                in_a_round(), random);
     }
+    looks.go_on();
   }
   result.sample.density_evaluations = target.evaluations();
   return result;
