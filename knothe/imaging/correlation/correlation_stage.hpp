@@ -87,13 +87,18 @@ class CorrelationStage {
   double step(CorrelationResult& result, Eigen::VectorXd& last, double& lengthening);
   /// Of a matrix with the pattern that the solver has analysed.
   static void factorise_or_shift(Eigen::SparseMatrix<double>& matrix, Solver& solver);
-  void iterate(const SplineImage& deformed, CorrelationResult& result);
-  int reject(CorrelationResult& result, bool restless) const;
+  /// At most `most` steps.
+  void iterate(const SplineImage& deformed, CorrelationResult& result, int most);
+  void begin_again(const SplineImage& deformed, CorrelationResult& result);
+  int reject(const SplineImage& deformed, CorrelationResult& result, bool restless) const;
+  [[nodiscard]] bool is_a_spot(const SplineImage& deformed, const CorrelationResult& result, std::size_t element,
+                               double usual) const;
   void reject_restless(CorrelationResult& result, const std::vector<double>& rms) const;
   int readmit(const SplineImage& deformed, CorrelationResult& result, std::vector<char>& tried);
   void extrapolate(CorrelationResult& result) const;
   [[nodiscard]] std::vector<double> element_rms() const;
-  [[nodiscard]] double residual_limit(const CorrelationResult& result, const std::vector<double>& rms) const;
+  /// Median over the valid elements.
+  [[nodiscard]] double usual_residual(const CorrelationResult& result, const std::vector<double>& rms) const;
   void make_pattern();
   /// Of all elements' pattern, with zeros where only elements that are not valid would be.
   [[nodiscard]] Eigen::SparseMatrix<double> assemble(const std::vector<char>& valid, bool for_solving,

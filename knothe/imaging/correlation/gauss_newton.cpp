@@ -138,19 +138,27 @@ double CorrelationStage::step(CorrelationResult& result, Eigen::VectorXd& last, 
   return step_.cwiseAbs().maxCoeff();
 }
 
-void CorrelationStage::iterate(const SplineImage& deformed, CorrelationResult& result) {
+/// Residuals of no motion, so that nothing that is not finite is left.
+void CorrelationStage::begin_again(const SplineImage& deformed, CorrelationResult& result) {
+  result.displacement.setZero();
+  result.gain = 1, result.offset = 0, result.last_step = 0;
+  start_brightness(result);
+  sum_residuals(deformed, result);
+}
+
+void CorrelationStage::iterate(const SplineImage& deformed, CorrelationResult& result, int most) {
   factorise(result.element_valid);
   result.converged = false;
   const double far = 2.0 * (reference_.width + reference_.height);
   Eigen::VectorXd last;
   double lengthening = 1;
-  for (int k = 0; k < std::min(k_iterations_per_round, options_.max_iterations) && !result.converged; ++k) {
+  for (int k = 0; k < std::min(k_iterations_per_round, most) && !result.converged; ++k) {
     if (options_.interruptible) check_cancellation("the picture is not correlated");
     sum_residuals(deformed, result);
     result.last_step = step(result, last, lengthening);
     ++result.iterations;
     if (!std::isfinite(result.last_step) || result.displacement.cwiseAbs().maxCoeff() > far) {
-      result.displacement.setZero();
+      begin_again(deformed, result);
       result.message =
           "the iteration diverged: the pictures do not show the same surface, or moved too far between them";
       return;
@@ -162,8 +170,12 @@ void CorrelationStage::iterate(const SplineImage& deformed, CorrelationResult& r
   result.message.clear();
   if (!result.converged)
     result.message = fmt::format(
-        "after {} iterations displacements still change by {:.2g} px, more than the tolerance of {:.2g} px",
-        result.iterations, result.last_step, options_.tolerance);
+        "after {} iterations{} displacements still change by {:.2g} px, more than the tolerance of {:.2g} px",
+        result.iterations,
+        result.iterations > options_.max_iterations
+            ? fmt::format(" ({} and those since elements were rejected)", options_.max_iterations)
+            : "",
+        result.last_step, options_.tolerance);
 }
 
 }  // namespace knothe::imaging

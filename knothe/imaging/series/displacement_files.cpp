@@ -72,14 +72,10 @@ void write_precisions(files::Hdf5Writer& file, const PictureSeries& series,
   }
 }
 
-/// Cells with four nodes where all are rectangles, otherwise triangles (rectangles cut in two).
-struct Cells {
-  std::vector<std::int64_t> nodes;
-  std::vector<std::size_t> element;  ///< of each cell
-  std::size_t nodes_per_cell = 4;
-};
-Cells cells_of(const ImageMesh& mesh) {
-  Cells cells;
+}  // namespace
+
+FileCells file_cells(const ImageMesh& mesh) {
+  FileCells cells;
   const bool quadrilaterals = std::all_of(mesh.elements.begin(), mesh.elements.end(),
                                           [](const auto& e) { return ImageMesh::nodes_of(e) == 4; });
   cells.nodes_per_cell = quadrilaterals ? 4 : 3;
@@ -95,6 +91,8 @@ Cells cells_of(const ImageMesh& mesh) {
   }
   return cells;
 }
+
+namespace {
 
 /// A number of each picture.
 template <typename Get>
@@ -129,17 +127,17 @@ void write_records(files::Hdf5Writer& file, const std::vector<PictureResult>& re
   file.texts_attribute("/pictures", "messages", messages);
 }
 
-void write_elements(files::Hdf5Writer& file, const std::vector<PictureResult>& results, std::size_t count) {
+/// One value for each of the file's cells.
+void write_elements(files::Hdf5Writer& file, const std::vector<PictureResult>& results,
+                    const FileCells& cells) {
   std::vector<std::int64_t> valid;
   std::vector<double> residual;
-  for (const auto& r : results) {
-    valid.insert(valid.end(), r.correlation.element_valid.begin(), r.correlation.element_valid.end());
-    residual.insert(residual.end(), r.correlation.element_residual.begin(),
-                    r.correlation.element_residual.end());
-  }
-  file.write_integers("/elements/valid", valid, {results.size(), count},
-                      {"1", "1 where an element was measured"});
-  file.write("/elements/residual", residual, {results.size(), count},
+  for (const auto& r : results)
+    for (const std::size_t e : cells.element)
+      valid.push_back(r.correlation.element_valid[e]), residual.push_back(r.correlation.element_residual[e]);
+  const files::Shape shape{results.size(), cells.element.size()};
+  file.write_integers("/elements/valid", valid, shape, {"1", "1 where an element was measured"});
+  file.write("/elements/residual", residual, shape,
              {"grey levels", "root mean square residual"});
 }
 
@@ -248,7 +246,7 @@ void write_displacements(const std::string& path, const PictureSeries& series,
   std::vector<double> points;
   for (std::size_t a = 0; a < n; ++a)
     points.insert(points.end(), places.begin() + 6 * a, places.begin() + 6 * a + 3);
-  const Cells cells = cells_of(mesh);
+  const FileCells cells = file_cells(mesh);
   files::write_atomically(path, [&](const std::string& temporary) {
     files::Hdf5Writer file(temporary);
     file.write("/time", time, {n_t},
@@ -275,7 +273,7 @@ void write_displacements(const std::string& path, const PictureSeries& series,
       file.number_attribute("/picture_frame", "relative_scale_std", frame->relative_scale_std);
     }
     write_records(file, results);
-    write_elements(file, results, mesh.elements.size());
+    write_elements(file, results, cells);
     if (series.options().crack) write_cracks(file, results);
     file.text_attribute("/", "created_by", k_created_by);
     file.text_attribute("/", "project", project);
@@ -322,7 +320,7 @@ void write_displacement_vtu(const std::string& path, const PictureSeries& series
     strains.insert(strains.end(), {strain(a, 0), strain(a, 1), -strain(a, 2)});  // y up
     seen.push_back(measured[i]);
   }
-  const Cells cells = cells_of(mesh);
+  const FileCells cells = file_cells(mesh);
   std::vector<double> residual, valid;
   for (const std::size_t e : cells.element)
     residual.push_back(c.element_residual[e]), valid.push_back(c.element_valid[e]);

@@ -30,6 +30,15 @@ void write_displacements(const std::string& path, const PictureSeries& series,
                          const std::vector<PictureResult>& results, const std::optional<PictureFrame>& frame,
                          const std::string& project);
 
+/// The cells of such a file: with four nodes where all elements are quadrilaterals, otherwise triangles
+/// (quadrilaterals cut in two).
+struct FileCells {
+  std::vector<std::int64_t> nodes;
+  std::vector<std::size_t> element;  ///< of each cell
+  std::size_t nodes_per_cell = 4;
+};
+[[nodiscard]] FileCells file_cells(const ImageMesh& mesh);
+
 /// The results in such a file, of the first pictures of this series, so that it can go on
 /// (PictureSeries::resume). Errors: DataError for a file of other references, pictures or mesh.
 [[nodiscard]] std::vector<PictureResult> read_results(const std::string& path, const PictureSeries& series);
