@@ -21,7 +21,7 @@ constexpr int k_rejection_rounds = 8;
 constexpr int k_plain_steps = 4;  // without regularisation, from what was found with it
 constexpr double k_share_of_worst =
     0.8;                       // of the residual of the worst neighbour, to be taken out in the same round
-constexpr double k_far = 0.6;  // of the contrast, as residual: the start is out of reach
+constexpr double k_large = 0.05;  // of a mean displacement gradient: about 3°
 constexpr double k_spot = 0.1;       // of an element's pixels, at most: a grain of dust, a reflection …
 constexpr double k_beside_spot = 2;  // … where the rest has no more than so many times the usual residual
 constexpr int k_readmissions = 3;        // each may bring one more row of elements back
@@ -128,7 +128,7 @@ void CorrelationStage::remove_regularisation(const SplineImage& deformed, Correl
     sum_residuals(deformed, free);
     (void)assemble_right(free);
     step_ = plain_.solve(right_);
-    free.displacement += step_;
+    free.displacement += carried(step_);
     if (step_.cwiseAbs().maxCoeff() < options_.tolerance) break;
   }
   result.unregularised = free.displacement.allFinite() ? std::move(free.displacement) : result.displacement;
@@ -307,8 +307,14 @@ double CorrelationStage::misfit(const SplineImage& deformed, const CorrelationRe
   return count > 0 ? squares / count : std::numeric_limits<double>::infinity();
 }
 
-bool CorrelationStage::correlate(const SplineImage& deformed, CorrelationResult& result,
-                                 bool give_up_if_far) {
+std::vector<char> CorrelationStage::seen() const {
+  std::vector<char> seen = usable_;
+  for (Index e = 0; e < std::ssize(seen); ++e)
+    if (sums_[e].count < k_min_pixel_share * pixels_.elements()[e].pixel_count) seen[e] = 0;
+  return seen;
+}
+
+bool CorrelationStage::correlate(const SplineImage& deformed, CorrelationResult& result, double far) {
   if (result.element_valid.empty()) {
     result.element_valid = usable_;
   } else {
@@ -317,7 +323,9 @@ bool CorrelationStage::correlate(const SplineImage& deformed, CorrelationResult&
   result.iterations = 0;
   result.message.clear();
   start_brightness(result);
-  if (give_up_if_far && !(misfit(deformed, result) < k_far * k_far * contrast() * contrast())) return false;
+  if (far > 0 && !(misfit(deformed, result) < std::pow(far * contrast(), 2))) return false;
+  large_ = mean_motion(mesh_, result.displacement);
+  if ((large_->gradient - Eigen::Matrix2d::Identity()).cwiseAbs().maxCoeff() < k_large) large_.reset();
   std::vector<char> tried(usable_.size(), 0);
   int allowed = options_.max_iterations, readmissions = 0;  // iterations without an element taken out
   for (int round = 0;; ++round) {

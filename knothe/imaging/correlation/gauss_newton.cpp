@@ -97,9 +97,26 @@ Eigen::Vector2d CorrelationStage::assemble_right(const CorrelationResult& result
   return brightness;
 }
 
+/// At a large motion the gradient of the deformed picture, which M and b should have, is F⁻ᵀ ∇f and not ∇f.
+/// Then M and b with ∇f are those of w = F⁻¹ δu.
+Eigen::VectorXd CorrelationStage::carried(const Eigen::VectorXd& nodal) const {
+  if (!large_) return nodal;
+  Eigen::VectorXd result(nodal.size());
+  for (Index i = 0; i < nodal.size(); i += 2) result.segment<2>(i) = large_->gradient * nodal.segment<2>(i);
+  return result;
+}
+
+Eigen::VectorXd CorrelationStage::penalty_slope(const Eigen::VectorXd& displacement) const {
+  if (!large_) return penalty_matrix_ * displacement;
+  Eigen::VectorXd slope = penalty_matrix_ * (displacement - nodal_displacement(*large_, mesh_));
+  for (Index i = 0; i < slope.size(); i += 2)
+    slope.segment<2>(i) = large_->gradient.transpose() * slope.segment<2>(i).eval();
+  return slope;
+}
+
 double CorrelationStage::step(CorrelationResult& result, Eigen::VectorXd& last, double& lengthening) {
   const Eigen::Vector2d brightness = assemble_right(result);
-  if (penalty_ > 0) right_ -= penalty_matrix_ * result.displacement;
+  if (penalty_ > 0) right_ -= penalty_slope(result.displacement);
   step_ = solver_.solve(right_);
   const auto add = [](double change_f, double change_1, double& gain, double& offset) {
     gain += gain * change_f, offset += change_1 + offset * change_f;
@@ -134,7 +151,7 @@ double CorrelationStage::step(CorrelationResult& result, Eigen::VectorXd& last, 
   }
   last = step_;
   step_ *= lengthening;
-  result.displacement += step_;
+  result.displacement += carried(step_);
   return step_.cwiseAbs().maxCoeff();
 }
 
