@@ -82,6 +82,26 @@ class Test(Case):
         self.assertTrue(0.002 < line["noise_std_px"] < 0.03, line)
         self.expect_motion("u.csv", stretch, rms=2 * line["noise_std_px"], bias=0.003)
 
+    def test_standard_deviations_at_points_are_those_of_the_errors(self):
+        self.draw("reference", "a")
+        self.write_points()
+        common = ["dic", "reference.pgm", "a.pgm", "--element-size", 15, "--roi", ROI, "--at", "points.csv"]
+        self.expect(0, *common, "-o", "plain.csv")
+        line, = self.expect(0, *common, "-o", "u.csv", "--std", "--json").lines()
+        with open(self.folder / "u.csv", newline="") as file:
+            header, *rows = csv.reader(file)
+        self.assertEqual(header, ["x", "y", "u", "v", "inside", "u_std", "v_std"])
+        self.assertEqual([[float(v) for v in row[:5]] for row in rows[:-1]], self.table("plain.csv")[:-1])
+        self.assertEqual(rows[-1][2:], ["nan", "nan", "0", "nan", "nan"])
+        squares = []
+        for x, y, u, v, _, u_std, v_std in ([float(v) for v in row] for row in rows[:-1]):
+            exact = stretch(x, y)
+            squares += [((u - exact[0]) / u_std) ** 2, ((v - exact[1]) / v_std) ** 2]
+            # Between the nodes errors partly cancel.
+            self.assertTrue(0.2 * line["noise_std_px"] < u_std < 1.6 * line["noise_std_px"], (x, y, u_std, line))
+        self.assertTrue(0.7 < math.sqrt(sum(squares) / len(squares)) < 1.4, sum(squares) / len(squares))
+        self.expect(2, *common[:7], "--std", stderr="--std needs --at")
+
     def test_brightness_and_contrast_do_not_matter(self):
         self.draw("reference", "dark")
         self.write_points()

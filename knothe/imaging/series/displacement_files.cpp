@@ -15,6 +15,7 @@
 #include "knothe/files/vtu.hpp"
 #include "knothe/imaging/crack/strain.hpp"
 #include "knothe/imaging/series/camera_drift.hpp"
+#include "knothe/numerics/linear/selected_inverse.hpp"
 #include "knothe/numerics/statistics/order_statistics.hpp"
 
 namespace knothe::imaging {
@@ -283,16 +284,48 @@ void write_displacements(const std::string& path, const PictureSeries& series,
   });
 }
 
+/// Correlations are those of the precision; standard deviations may also contain a regularisation.
+Eigen::MatrixXd point_std(const PictureSeries& series, const PictureResult& result,
+                          const Eigen::MatrixXd& points) {
+  const ImageMesh& mesh = series.correlation().mesh();
+  const Eigen::VectorXd std = series.displacement_std(result);
+  Sparse precision = series.precision(result, result.noise).matrix;
+  for (int i = 0; i < precision.rows(); ++i)
+    if (!(precision.coeff(i, i) > 0)) precision.coeffRef(i, i) = 1;  // not measured
+  const numerics::SelectedInverse covariance(precision);
+  const PointLocator locator(mesh);
+  Eigen::MatrixXd at = Eigen::MatrixXd::Constant(points.rows(), 2, k_nan);
+  for (Index p = 0; p < points.rows(); ++p) {
+    const auto place = locator.find(points(p, 0), points(p, 1));
+    if (place.element < 0 || result.correlation.element_valid[place.element] == 0) continue;
+    const auto& nodes = mesh.elements[place.element];
+    for (int k = 0; k < 2; ++k) {
+      double variance = 0;
+      for (Index a = 0; a < ImageMesh::nodes_of(nodes); ++a)
+        for (Index b = 0; b < ImageMesh::nodes_of(nodes); ++b) {
+          const int i = 2 * nodes[a] + k, j = 2 * nodes[b] + k;
+          const double scale = std::sqrt(covariance.diagonal()[i] * covariance.diagonal()[j]);
+          variance += place.shape[a] * place.shape[b] * std[i] * std[j] * covariance.entry(i, j) / scale;
+        }
+      at(p, k) = std::sqrt(std::max(0.0, variance));
+    }
+  }
+  return at;
+}
+
 void write_at_points(const std::string& path, const ImageMesh& mesh, const PictureResult& result,
-                     const Eigen::MatrixXd& points) {
+                     const Eigen::MatrixXd& points, const Eigen::MatrixXd& std) {
   std::vector<char> inside;
   const Eigen::MatrixXd at =
       interpolate(mesh, result.correlation.displacement, points, inside, result.correlation.element_valid);
-  const std::vector<std::string> header{"x", "y", "u", "v", "inside"};
+  std::vector<std::string> header{"x", "y", "u", "v", "inside"};
+  if (std.size() > 0) header.insert(header.end(), {"u_std", "v_std"});
   files::CsvWriter csv(header);
-  for (Index i = 0; i < points.rows(); ++i)
-    csv.add_row(std::array<double, 5>{points(i, 0), points(i, 1), at(i, 0), at(i, 1),
-                                      static_cast<double>(inside[i])});
+  for (Index i = 0; i < points.rows(); ++i) {
+    std::vector<double> row{points(i, 0), points(i, 1), at(i, 0), at(i, 1), 1.0 * inside[i]};
+    if (std.size() > 0) row.insert(row.end(), {std(i, 0), std(i, 1)});
+    csv.add_row(row);
+  }
   csv.write(path);
 }
 

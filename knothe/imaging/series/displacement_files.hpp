@@ -43,10 +43,16 @@ struct FileCells {
 /// (PictureSeries::resume). Errors: DataError for a file of other references, pictures or mesh.
 [[nodiscard]] std::vector<PictureResult> read_results(const std::string& path, const PictureSeries& series);
 
+/// Standard deviations of u and v at points of the reference picture (n × 2, px), with the covariance of an
+/// element's nodes; NaN where write_at_points has `inside` 0.
+[[nodiscard]] Eigen::MatrixXd point_std(const PictureSeries& series, const PictureResult& result,
+                                        const Eigen::MatrixXd& points);
+
 /// CSV x,y,u,v,inside at points of the reference picture (n × 2, px); u, v are nan where inside is 0: outside
-/// the mesh, or in an element that was taken out. Errors: IoError.
+/// the mesh, or in an element that was taken out. `std` (may be empty): in columns u_std,v_std behind them.
+/// Errors: IoError.
 void write_at_points(const std::string& path, const ImageMesh& mesh, const PictureResult& result,
-                     const Eigen::MatrixXd& points);
+                     const Eigen::MatrixXd& points, const Eigen::MatrixXd& std = {});
 
 /// Displacement, its standard deviation (`std`, px), strains, residual and validity of one picture for
 /// ParaView; y points up, in px or, with a frame, in m. Units are in VTK's key UNITS_LABEL. Errors: IoError.
