@@ -98,6 +98,7 @@ void add_dic(CLI::App& app, Command& chosen) {
   command.add_option("--at", files.at,
                      "CSV file (header x,y): points of the reference picture at which to output "
                      "displacements");
+  command.add_flag("--std", files.std, "with --at: columns u_std and v_std, standard deviations in px");
   command.add_flag("--grey", arguments.grey, "use the luminance of colour pictures");
   command.add_option("-o,--output", files.output,
                      ".h5, .vtu or .pvd; with --at a CSV file, or a folder for several pictures");

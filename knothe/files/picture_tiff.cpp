@@ -23,14 +23,26 @@ struct CloseTiff {
 using Tiff = std::unique_ptr<TIFF, CloseTiff>;
 
 /// libtiff's last words on this thread; it has no other way to tell them.
-thread_local std::string last_words;
+thread_local std::string last_error, last_warning;
 
-void remember(const char*, const char* format, va_list arguments) {
+std::string text_of(const char* format, va_list arguments) {
   char text[512];
   std::vsnprintf(text, sizeof text, format, arguments);
-  last_words = text;
+  return text;
 }
-void ignore(const char*, const char*, va_list) {}
+void remember_error(const char*, const char* format, va_list arguments) {
+  last_error = text_of(format, arguments);
+}
+void remember_warning(const char*, const char* format, va_list arguments) {
+  last_warning = text_of(format, arguments);
+}
+
+/// Why libtiff failed. Its fax decoders only warn, and zlib may leave the end of "ZLib error: " empty.
+std::string reason() {
+  const std::string& words = last_error.empty() ? last_warning : last_error;
+  const auto end = words.find_last_not_of(": ");
+  return end == std::string::npos ? "libtiff gives no reason" : words.substr(0, end + 1);
+}
 
 /// Sample `x` of a row whose samples are packed, most significant bit first, in `bits` bits each.
 unsigned packed_sample(const unsigned char* row, std::size_t x, unsigned bits) {
@@ -72,11 +84,11 @@ void round_row(const Picture& picture, int y, Integer* out) {
 
 Picture picture_formats::read_tiff(const std::string& path, std::size_t file_bytes, Colour colour,
                                    std::int64_t max_pixels) {
-  TIFFSetErrorHandler(remember);
-  TIFFSetWarningHandler(ignore);
-  last_words.clear();
+  TIFFSetErrorHandler(remember_error);
+  TIFFSetWarningHandler(remember_warning);
+  last_error.clear(), last_warning.clear();
   const Tiff tiff(TIFFOpen(path.c_str(), "r"));
-  if (!tiff) fail(path, fmt::format("not a readable TIFF ({})", last_words));
+  if (!tiff) fail(path, fmt::format("not a readable TIFF ({})", reason()));
   std::uint32_t width = 0, height = 0;
   std::uint16_t samples = 1, bits = 1, format = SAMPLEFORMAT_UINT, photometric = PHOTOMETRIC_MINISBLACK;
   TIFFGetField(tiff.get(), TIFFTAG_IMAGEWIDTH, &width);
@@ -118,7 +130,7 @@ Picture picture_formats::read_tiff(const std::string& path, std::size_t file_byt
     for (std::uint16_t plane = 0; plane < (apart ? samples : 1); ++plane)
       if (TIFFReadScanline(tiff.get(), row.data() + plane * row_bytes, y, plane) != 1)
         fail(path,
-             fmt::format("row {} cannot be read: the file is truncated or damaged ({})", y, last_words));
+             fmt::format("row {} cannot be read: the file is truncated or damaged ({})", y, reason()));
     float* out = picture.pixels.data() + picture.index(0, y);
     const auto sample = [&](std::size_t x, std::size_t s) {
       const std::size_t k = apart ? x : samples * x + s;
@@ -153,7 +165,7 @@ Picture picture_formats::read_tiff(const std::string& path, std::size_t file_byt
 void write_tiff(const std::string& path, const Picture& picture) {
   const int bits = picture.bit_depth <= 8 ? 8 : 16;
   write_atomically(path, [&](const std::string& temporary) {
-    TIFFSetErrorHandler(remember);
+    TIFFSetErrorHandler(remember_error);
     const Tiff tiff(TIFFOpen(temporary.c_str(), "w"));
     if (!tiff) throw system_error("could not write the picture", path);
     TIFFSetField(tiff.get(), TIFFTAG_IMAGEWIDTH, static_cast<std::uint32_t>(picture.width));

@@ -8,9 +8,10 @@ import random
 import re
 import subprocess
 import unittest
+import zlib
 import xml.etree.ElementTree
 
-from dic_pictures import Speckle, write_pgm, write_tiff16
+from dic_pictures import Speckle, write_pgm, write_tiff, write_tiff16
 from support import DATA, KNOTHE, Case, python_with
 
 KEYS = ["picture", "iterations", "converged", "residual_rms", "nodes", "elements_rejected", "elapsed_ms", "noise_std_px"]
@@ -80,6 +81,26 @@ class Test(Case):
         self.assertTrue(1.1 < line["residual_rms"] < 1.5, line)
         self.assertTrue(0.002 < line["noise_std_px"] < 0.03, line)
         self.expect_motion("u.csv", stretch, rms=2 * line["noise_std_px"], bias=0.003)
+
+    def test_standard_deviations_at_points_are_those_of_the_errors(self):
+        self.draw("reference", "a")
+        self.write_points()
+        common = ["dic", "reference.pgm", "a.pgm", "--element-size", 15, "--roi", ROI, "--at", "points.csv"]
+        self.expect(0, *common, "-o", "plain.csv")
+        line, = self.expect(0, *common, "-o", "u.csv", "--std", "--json").lines()
+        with open(self.folder / "u.csv", newline="") as file:
+            header, *rows = csv.reader(file)
+        self.assertEqual(header, ["x", "y", "u", "v", "inside", "u_std", "v_std"])
+        self.assertEqual([[float(v) for v in row[:5]] for row in rows[:-1]], self.table("plain.csv")[:-1])
+        self.assertEqual(rows[-1][2:], ["nan", "nan", "0", "nan", "nan"])
+        squares = []
+        for x, y, u, v, _, u_std, v_std in ([float(v) for v in row] for row in rows[:-1]):
+            exact = stretch(x, y)
+            squares += [((u - exact[0]) / u_std) ** 2, ((v - exact[1]) / v_std) ** 2]
+            # Between the nodes errors partly cancel.
+            self.assertTrue(0.2 * line["noise_std_px"] < u_std < 1.6 * line["noise_std_px"], (x, y, u_std, line))
+        self.assertTrue(0.7 < math.sqrt(sum(squares) / len(squares)) < 1.4, sum(squares) / len(squares))
+        self.expect(2, *common[:7], "--std", stderr="--std needs --at")
 
     def test_brightness_and_contrast_do_not_matter(self):
         self.draw("reference", "dark")
@@ -178,6 +199,37 @@ class Test(Case):
                 self.assertIn(f"{name}: error: ", outcome.err)
         self.assertTrue((self.folder / "u.h5").exists())
 
+    def test_a_picture_that_diverges_does_not_end_the_series(self):
+        self.draw("reference", "a")
+        rows = [[(37 * i + i * i // 7) % 256 for i in range(160 * y, 160 * (y + 1))] for y in range(120)]
+        write_pgm(self.folder / "stripes.pgm", rows)
+        outcome = self.expect(0, "dic", "reference.pgm", "stripes.pgm", "a.pgm", "--element-size", 15, "--roi", ROI, "-o", "u.h5",
+                              "--json")
+        stripes, a = outcome.lines()
+        self.assertIn("stripes.pgm: error: not converged: the iteration diverged", stripes["message"])
+        self.assertTrue(stripes["missing"] and a["converged"], str(outcome))
+        # What is left is the residual of no motion.
+        self.assertTrue(20 < stripes["residual_rms"] < 150, stripes)
+        self.assertTrue((self.folder / "u.h5").exists())
+
+    def test_a_broken_tiff_is_refused_with_a_reason(self):
+        self.draw("reference")
+        noise = random.Random(1).randbytes(160 * 120)
+        write_tiff(self.folder / "zip.tif", 160, 120, zlib.compress(noise)[:9000], bits=8, compression=8)
+        write_tiff(self.folder / "fax.tif", 160, 120, noise[:3000], bits=1, compression=3)
+        outcome = self.expect(4, "dic", "reference.pgm", "zip.tif", "fax.tif", "--roi", ROI)
+        self.assertRegex(outcome.err, r"zip\.tif: error: row \d+ cannot be read: the file is truncated or damaged \(ZLib error\)")
+        self.assertRegex(outcome.err, r"fax\.tif: error: row \d+ cannot be read: the file is truncated or damaged \(.*line \d+ of strip 0")
+
+    def test_no_more_iterations_than_allowed(self):
+        self.draw("reference", "a", "b")
+        self.edit("element_size = 15", "element_size = 15\ntolerance = 1e-12\nmax_iterations = 14\nrejection_factor = 0")
+        outcome = self.run_knothe("dic", self.project_name, "--json")
+        self.assertEqual(outcome.status, 6, str(outcome))
+        for line in outcome.lines():
+            self.assertEqual(line["iterations"], 14)
+            self.assertIn("after 14 iterations displacements still change by", line["message"])
+
     def test_when_nothing_could_be_measured_the_status_says_so(self):
         self.draw("reference")
         write_pgm(self.folder / "other.pgm", Speckle(seed=9).picture())
@@ -261,6 +313,31 @@ class Test(Case):
         (self.folder / "plate.msh").write_text(small)
         self.expect(2, "dic", *both, stderr="at least 3 × 3 pixels")
         self.expect(4, "dic", *both[:3], "plate.stl", stderr="Gmsh (.msh) and VTK (.vtu)")
+
+    def test_a_file_of_a_mixed_mesh_has_a_value_for_each_of_its_cells(self):
+        """A quadrilateral between two triangles is two cells."""
+        self.draw("reference", "a", "b")
+        nodes = ["12 12", "80 20", "147 12", "14 107", "76 100", "147 107"]
+        cells = ["2 2 1 1 1 5 4", "3 2 1 1 1 2 6 5", "2 2 1 1 2 3 6"]
+        (self.folder / "plate.msh").write_text(
+            "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n6\n" + "".join(f"{i + 1} {n} 0\n" for i, n in enumerate(nodes))
+            + "$EndNodes\n$Elements\n3\n" + "".join(f"{i + 1} {c}\n" for i, c in enumerate(cells)) + "$EndElements\n")
+        python = python_with("h5py")
+        if python is None:
+            self.skipTest("no python3 with h5py here: scripts/packages.txt")
+        command = ["dic", "reference.pgm", "a.pgm", "b.pgm", "--mesh", "plate.msh", "-o", "u.h5", "--json"]
+        self.expect(0, *command[:3], *command[4:])
+        program = """import h5py, json
+file = h5py.File("u.h5")
+print(json.dumps([file["mesh/cells"].shape, file["elements/valid"].shape, file["elements/residual"][0].tolist()]))"""
+        outcome = subprocess.run([python, "-c", program], capture_output=True, text=True, cwd=self.folder)
+        self.assertEqual(outcome.returncode, 0, outcome.stderr)
+        shape, valid, residual = json.loads(outcome.stdout)
+        self.assertEqual((shape, valid), ([4, 3], [1, 4]))
+        self.assertEqual(residual[1], residual[2])
+        self.assertEqual(len(set(residual)), 3)
+        line, = self.expect(0, *command, "--resume").lines()
+        self.assertIs(line["converged"], True)
 
     def test_a_mask_takes_its_pixels_out(self):
         self.draw("reference", "a")
@@ -349,6 +426,16 @@ class Test(Case):
         squares = [(m[4] + row[2]) ** 2 + (m[5] + row[3]) ** 2 for m, row in zip(moved, self.table("back.csv")) if row[4] == 1]
         self.assertGreater(len(squares), 0.95 * len(points))
         self.assertLess(math.sqrt(sum(squares) / (2 * len(squares))), 0.01)
+
+    def test_a_spot_does_not_reject_an_element(self):
+        """At (982, 352) a reflection of some 20 pixels has changed; three other programs agree there to 0.015 px."""
+        common = ["--element-size", 25, "--prefilter", 1, "--roi", "800,240,1200,440"]
+        (self.folder / "p.csv").write_text("x,y\n972,352\n988,352\n1032,352\n")
+        line, = self.expect(0, "dic", *self.real("0155", "0160"), *common, "--at", "p.csv", "-o", "u.csv", "--json").lines()
+        self.assertEqual(line["elements_rejected"], 0)
+        left, spot, right = self.table("u.csv")
+        for k in (2, 3):
+            self.assertAlmostEqual(spot[k], left[k] + (right[k] - left[k]) * 16 / 60, delta=0.03)
 
     def test_the_real_pair_is_measured_without_bias(self):
         """Pictures made from the reference with known displacements, and subsets that are correlated by themselves

@@ -58,10 +58,14 @@ def write_pgm(path, rows, top=255):
 
 
 def write_tiff16(path, rows):
-    """Uncompressed, little-endian, 16 bits a pixel, one strip."""
+    """Uncompressed, 16 bits a pixel."""
     height, width = len(rows), len(rows[0])
-    data = b"".join(struct.pack(f"<{width}H", *row) for row in rows)
-    tags = [(256, 3, width), (257, 3, height), (258, 3, 16), (259, 3, 1), (262, 3, 1), (273, 4, 8), (277, 3, 1),
+    write_tiff(path, width, height, b"".join(struct.pack(f"<{width}H", *row) for row in rows))
+
+
+def write_tiff(path, width, height, data, bits=16, compression=1):
+    """Little-endian, `data` the only strip."""
+    tags = [(256, 3, width), (257, 3, height), (258, 3, bits), (259, 3, compression), (262, 3, 1), (273, 4, 8), (277, 3, 1),
             (278, 3, height), (279, 4, len(data))]
     directory = struct.pack("<H", len(tags)) + b"".join(
         struct.pack("<HHI", tag, kind, 1) + (struct.pack("<HH", value, 0) if kind == 3 else struct.pack("<I", value))

@@ -4,10 +4,12 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/index.hpp"
 #include "knothe/base/threads.hpp"
+#include "knothe/imaging/correlation/element_residuals.hpp"
 #include "knothe/imaging/crack/strain.hpp"
 #include "knothe/numerics/statistics/order_statistics.hpp"
 
@@ -19,7 +21,9 @@ constexpr int k_rejection_rounds = 8;
 constexpr int k_plain_steps = 4;  // without regularisation, from what was found with it
 constexpr double k_share_of_worst =
     0.8;                       // of the residual of the worst neighbour, to be taken out in the same round
-constexpr double k_far = 0.6;  // of the contrast, as residual: the start is out of reach
+constexpr double k_large = 0.05;  // of a mean displacement gradient: about 3°
+constexpr double k_spot = 0.1;       // of an element's pixels, at most: a grain of dust, a reflection …
+constexpr double k_beside_spot = 2;  // … where the rest has no more than so many times the usual residual
 constexpr int k_readmissions = 3;        // each may bring one more row of elements back
 constexpr double k_max_restless = 0.05;  // of the nodes: more is a picture that does not converge …
 constexpr double k_restless_rows = 2;  // … if they are also more than so many rows from side to side: a crack
@@ -124,7 +128,7 @@ void CorrelationStage::remove_regularisation(const SplineImage& deformed, Correl
     sum_residuals(deformed, free);
     (void)assemble_right(free);
     step_ = plain_.solve(right_);
-    free.displacement += step_;
+    free.displacement += carried(step_);
     if (step_.cwiseAbs().maxCoeff() < options_.tolerance) break;
   }
   result.unregularised = free.displacement.allFinite() ? std::move(free.displacement) : result.displacement;
@@ -172,17 +176,31 @@ std::vector<double> CorrelationStage::element_rms() const {
   return rms;
 }
 
-double CorrelationStage::residual_limit(const CorrelationResult& result,
+double CorrelationStage::usual_residual(const CorrelationResult& result,
                                         const std::vector<double>& rms) const {
   std::vector<double> valid;
   for (Index e = 0; e < std::ssize(rms); ++e)
     if (result.element_valid[e] != 0 && sums_[e].count > 0) valid.push_back(rms[e]);
-  return options_.rejection_factor * numerics::upper_median(valid);
+  return numerics::upper_median(valid);
 }
 
-int CorrelationStage::reject(CorrelationResult& result, bool restless) const {
+/// The residual of an element is that of a few pixels whose grey levels have changed, while its motion
+/// explains the others.
+bool CorrelationStage::is_a_spot(const SplineImage& deformed, const CorrelationResult& result, std::size_t e,
+                                 double usual) const {
+  std::vector<float> squares = element_residuals(pixels_, pixels_.elements()[e], reference_.view(), deformed,
+                                                 motion(e, result));
+  for (float& r : squares) r *= r;
+  const Index spot = std::ceil(k_spot * squares.size()), rest = std::ssize(squares) - spot;
+  if (rest < 1) return false;
+  std::nth_element(squares.begin(), squares.begin() + rest, squares.end());
+  return std::accumulate(squares.begin(), squares.begin() + rest, 0.0) <
+         rest * k_beside_spot * k_beside_spot * usual * usual;
+}
+
+int CorrelationStage::reject(const SplineImage& deformed, CorrelationResult& result, bool restless) const {
   const std::vector<double> rms = element_rms();
-  const double limit = residual_limit(result, rms);
+  const double usual = usual_residual(result, rms), limit = options_.rejection_factor * usual;
   std::vector<double> around(mesh_.x.size(), 0);
   for (Index e = 0; e < std::ssize(sums_); ++e) {
     if (result.element_valid[e] == 0) continue;
@@ -201,7 +219,8 @@ int CorrelationStage::reject(CorrelationResult& result, bool restless) const {
       worst_neighbour = std::max(worst_neighbour, around[mesh_.elements[e][a]]);
     const bool unseen = sums_[e].count < k_min_pixel_share * pixels_.elements()[e].pixel_count;
     const bool bad =
-        options_.reject_elements && rms[e] > limit && rms[e] > k_share_of_worst * worst_neighbour;
+        options_.reject_elements && rms[e] > limit && rms[e] > k_share_of_worst * worst_neighbour &&
+        !is_a_spot(deformed, result, e, usual);
     if (unseen || bad) result.element_valid[e] = 0;
   }
   if (restless && options_.reject_elements) reject_restless(result, rms);
@@ -260,7 +279,7 @@ int CorrelationStage::readmit(const SplineImage& deformed, CorrelationResult& re
     if (result.element_valid[e] == 0) moved_[e] = std::numeric_limits<double>::infinity();
   sum_residuals(deformed, result);
   const std::vector<double> rms = element_rms();
-  const double limit = residual_limit(result, rms);
+  const double limit = options_.rejection_factor * usual_residual(result, rms);
   int count = 0;
   for (Index e = 0; e < std::ssize(sums_); ++e) {
     if (result.element_valid[e] != 0 || usable_[e] == 0 || tried[e] != 0 || rms[e] > limit ||
@@ -288,8 +307,14 @@ double CorrelationStage::misfit(const SplineImage& deformed, const CorrelationRe
   return count > 0 ? squares / count : std::numeric_limits<double>::infinity();
 }
 
-bool CorrelationStage::correlate(const SplineImage& deformed, CorrelationResult& result,
-                                 bool give_up_if_far) {
+std::vector<char> CorrelationStage::seen() const {
+  std::vector<char> seen = usable_;
+  for (Index e = 0; e < std::ssize(seen); ++e)
+    if (sums_[e].count < k_min_pixel_share * pixels_.elements()[e].pixel_count) seen[e] = 0;
+  return seen;
+}
+
+bool CorrelationStage::correlate(const SplineImage& deformed, CorrelationResult& result, double far) {
   if (result.element_valid.empty()) {
     result.element_valid = usable_;
   } else {
@@ -298,15 +323,17 @@ bool CorrelationStage::correlate(const SplineImage& deformed, CorrelationResult&
   result.iterations = 0;
   result.message.clear();
   start_brightness(result);
-  if (give_up_if_far && !(misfit(deformed, result) < k_far * k_far * contrast() * contrast())) return false;
+  if (far > 0 && !(misfit(deformed, result) < std::pow(far * contrast(), 2))) return false;
+  large_ = mean_motion(mesh_, result.displacement);
+  if ((large_->gradient - Eigen::Matrix2d::Identity()).cwiseAbs().maxCoeff() < k_large) large_.reset();
   std::vector<char> tried(usable_.size(), 0);
   int allowed = options_.max_iterations, readmissions = 0;  // iterations without an element taken out
   for (int round = 0;; ++round) {
     const int before = result.iterations;
-    iterate(deformed, result);
-    if (!std::isfinite(result.last_step) || result.displacement.isZero(0)) break;  // diverged
+    iterate(deformed, result, allowed);
+    if (result.displacement.isZero(0)) break;  // diverged
     allowed -= result.iterations - before;
-    const bool rejected = round < k_rejection_rounds && reject(result, round > 0 && !result.converged) > 0;
+    const bool rejected = round < k_rejection_rounds && reject(deformed, result, round > 0 && !result.converged) > 0;
     if (std::count(result.element_valid.begin(), result.element_valid.end(), 1) == 0) {
       result.message = "no element is left: the deformed picture does not show the surface of the reference";
       result.converged = false;

@@ -3,8 +3,10 @@
 /// room; ImageCorrelation has one for the measurement and some on coarse pictures for its start.
 #include <Eigen/SparseCholesky>
 #include <array>
+#include <optional>
 #include <vector>
 
+#include "knothe/imaging/correlation/affine_motion.hpp"
 #include "knothe/imaging/correlation/image_correlation.hpp"
 #include "knothe/imaging/correlation/residual_kernel.hpp"
 
@@ -47,9 +49,10 @@ class CorrelationStage {
 
   /// Gauss–Newton from result.displacement, gain and offset on, with the elements that result.element_valid
   /// begins with (empty: all usable); rejects and readmits elements as the options say. Fills the result.
-  /// `give_up_if_far`: false, at once, where the start explains so little of the picture that iterating from
-  /// it would be in vain.
-  bool correlate(const SplineImage& deformed, CorrelationResult& result, bool give_up_if_far = false);
+  /// False, at once, where the start leaves a residual of more than `far` times the contrast (0: of anything).
+  bool correlate(const SplineImage& deformed, CorrelationResult& result, double far = 0);
+  /// The elements that the deformed picture shows at the displacement for which `misfit` was asked last.
+  [[nodiscard]] std::vector<char> seen() const;
   /// Mean square of the residual over the elements that are valid in a result (all usable where it does not
   /// say) at its displacement; infinity where nothing is seen.
   [[nodiscard]] double misfit(const SplineImage& deformed, const CorrelationResult& result);
@@ -86,14 +89,23 @@ class CorrelationStage {
   /// multiplied by.
   double step(CorrelationResult& result, Eigen::VectorXd& last, double& lengthening);
   /// Of a matrix with the pattern that the solver has analysed.
+  /// Nodal vectors of the reference's coordinates in those of the moved body, F w.
+  [[nodiscard]] Eigen::VectorXd carried(const Eigen::VectorXd& nodal) const;
+  /// R (u − that of the large motion), its derivative by a step in the reference's coordinates.
+  [[nodiscard]] Eigen::VectorXd penalty_slope(const Eigen::VectorXd& displacement) const;
   static void factorise_or_shift(Eigen::SparseMatrix<double>& matrix, Solver& solver);
-  void iterate(const SplineImage& deformed, CorrelationResult& result);
-  int reject(CorrelationResult& result, bool restless) const;
+  /// At most `most` steps.
+  void iterate(const SplineImage& deformed, CorrelationResult& result, int most);
+  void begin_again(const SplineImage& deformed, CorrelationResult& result);
+  int reject(const SplineImage& deformed, CorrelationResult& result, bool restless) const;
+  [[nodiscard]] bool is_a_spot(const SplineImage& deformed, const CorrelationResult& result, std::size_t element,
+                               double usual) const;
   void reject_restless(CorrelationResult& result, const std::vector<double>& rms) const;
   int readmit(const SplineImage& deformed, CorrelationResult& result, std::vector<char>& tried);
   void extrapolate(CorrelationResult& result) const;
   [[nodiscard]] std::vector<double> element_rms() const;
-  [[nodiscard]] double residual_limit(const CorrelationResult& result, const std::vector<double>& rms) const;
+  /// Median over the valid elements.
+  [[nodiscard]] double usual_residual(const CorrelationResult& result, const std::vector<double>& rms) const;
   void make_pattern();
   /// Of all elements' pattern, with zeros where only elements that are not valid would be.
   [[nodiscard]] Eigen::SparseMatrix<double> assemble(const std::vector<char>& valid, bool for_solving,
@@ -107,6 +119,7 @@ class CorrelationStage {
   std::vector<Constants> constants_;
   std::vector<double> gradient_;
   std::vector<char> usable_;
+  std::optional<AffineMotion> large_;  ///< what the motion begins with, where that is not small
   double penalty_ = 0;  ///< weight of the regularisation, from its wavelength; 0: none
 
   Eigen::SparseMatrix<double> pattern_;      ///< of M with all elements; zeros

@@ -97,9 +97,26 @@ Eigen::Vector2d CorrelationStage::assemble_right(const CorrelationResult& result
   return brightness;
 }
 
+/// At a large motion the gradient of the deformed picture, which M and b should have, is F⁻ᵀ ∇f and not ∇f.
+/// Then M and b with ∇f are those of w = F⁻¹ δu.
+Eigen::VectorXd CorrelationStage::carried(const Eigen::VectorXd& nodal) const {
+  if (!large_) return nodal;
+  Eigen::VectorXd result(nodal.size());
+  for (Index i = 0; i < nodal.size(); i += 2) result.segment<2>(i) = large_->gradient * nodal.segment<2>(i);
+  return result;
+}
+
+Eigen::VectorXd CorrelationStage::penalty_slope(const Eigen::VectorXd& displacement) const {
+  if (!large_) return penalty_matrix_ * displacement;
+  Eigen::VectorXd slope = penalty_matrix_ * (displacement - nodal_displacement(*large_, mesh_));
+  for (Index i = 0; i < slope.size(); i += 2)
+    slope.segment<2>(i) = large_->gradient.transpose() * slope.segment<2>(i).eval();
+  return slope;
+}
+
 double CorrelationStage::step(CorrelationResult& result, Eigen::VectorXd& last, double& lengthening) {
   const Eigen::Vector2d brightness = assemble_right(result);
-  if (penalty_ > 0) right_ -= penalty_matrix_ * result.displacement;
+  if (penalty_ > 0) right_ -= penalty_slope(result.displacement);
   step_ = solver_.solve(right_);
   const auto add = [](double change_f, double change_1, double& gain, double& offset) {
     gain += gain * change_f, offset += change_1 + offset * change_f;
@@ -134,23 +151,31 @@ double CorrelationStage::step(CorrelationResult& result, Eigen::VectorXd& last, 
   }
   last = step_;
   step_ *= lengthening;
-  result.displacement += step_;
+  result.displacement += carried(step_);
   return step_.cwiseAbs().maxCoeff();
 }
 
-void CorrelationStage::iterate(const SplineImage& deformed, CorrelationResult& result) {
+/// Residuals of no motion, so that nothing that is not finite is left.
+void CorrelationStage::begin_again(const SplineImage& deformed, CorrelationResult& result) {
+  result.displacement.setZero();
+  result.gain = 1, result.offset = 0, result.last_step = 0;
+  start_brightness(result);
+  sum_residuals(deformed, result);
+}
+
+void CorrelationStage::iterate(const SplineImage& deformed, CorrelationResult& result, int most) {
   factorise(result.element_valid);
   result.converged = false;
   const double far = 2.0 * (reference_.width + reference_.height);
   Eigen::VectorXd last;
   double lengthening = 1;
-  for (int k = 0; k < std::min(k_iterations_per_round, options_.max_iterations) && !result.converged; ++k) {
+  for (int k = 0; k < std::min(k_iterations_per_round, most) && !result.converged; ++k) {
     if (options_.interruptible) check_cancellation("the picture is not correlated");
     sum_residuals(deformed, result);
     result.last_step = step(result, last, lengthening);
     ++result.iterations;
     if (!std::isfinite(result.last_step) || result.displacement.cwiseAbs().maxCoeff() > far) {
-      result.displacement.setZero();
+      begin_again(deformed, result);
       result.message =
           "the iteration diverged: the pictures do not show the same surface, or moved too far between them";
       return;
@@ -162,8 +187,12 @@ void CorrelationStage::iterate(const SplineImage& deformed, CorrelationResult& r
   result.message.clear();
   if (!result.converged)
     result.message = fmt::format(
-        "after {} iterations displacements still change by {:.2g} px, more than the tolerance of {:.2g} px",
-        result.iterations, result.last_step, options_.tolerance);
+        "after {} iterations{} displacements still change by {:.2g} px, more than the tolerance of {:.2g} px",
+        result.iterations,
+        result.iterations > options_.max_iterations
+            ? fmt::format(" ({} and those since elements were rejected)", options_.max_iterations)
+            : "",
+        result.last_step, options_.tolerance);
 }
 
 }  // namespace knothe::imaging

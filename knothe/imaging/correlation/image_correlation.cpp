@@ -12,6 +12,7 @@
 #include "knothe/base/index.hpp"
 #include "knothe/imaging/correlation/correlation_noise.hpp"
 #include "knothe/imaging/correlation/correlation_stage.hpp"
+#include "knothe/imaging/correlation/matched_motion.hpp"
 #include "knothe/imaging/correlation/picture_pyramid.hpp"
 
 namespace knothe::imaging {
@@ -20,6 +21,8 @@ namespace {
 
 constexpr double k_coarsest = 64;        // px: size of the region in the smallest picture, at most twice that
 constexpr double k_coarse_element = 16;  // px of the coarse picture, at least
+constexpr double k_far = 0.6;       // of the contrast, as residual: a start is out of reach …
+constexpr double k_doubtful = 0.35;  // … or one that was searched may be wrong
 constexpr double k_same_start = 0.1;     // px: starts nearer than that are as good as each other
 constexpr double k_per_octave = 2;       // of the squared noise, for which variances are found
 constexpr double k_coarse_smoothing = 3;  // cut-off wavelength of coarse stages, in elements
@@ -158,8 +161,8 @@ struct ImageCorrelation::Work {
   void look_at(const files::Picture& picture) {
     deformed.assign(picture, options.prefilter_sigma, options.threads);
   }
-  /// The motion, from coarse to fine pictures; seldom needed, so that nothing of it is kept.
-  void search(const files::Picture& picture, CorrelationResult& result) const;
+  /// The motion without a start; seldom needed, so that nothing of it is kept.
+  void search(const files::Picture& picture, CorrelationResult& result);
 };
 
 /// 0 where nothing was measured.
@@ -172,30 +175,62 @@ const Eigen::ArrayXd& ImageCorrelation::Work::inverse_diagonal(const std::vector
   return known[index] = (std > 0).select(std.square().inverse(), 0.0);
 }
 
-void ImageCorrelation::Work::search(const files::Picture& picture, CorrelationResult& result) const {
-  const auto meshes = coarse_meshes(fine.mesh(), reference.width, reference.height);
-  const int top = meshes.empty() ? 0 : meshes.front().level;
-  const auto before = picture_pyramid(reference, mesh_mask(fine.pixels(), fine.reference()), top),
-             after = picture_pyramid(picture, {}, top);
+namespace {
+
+/// Both pictures in all sizes, and the meshes on them that lead from a rough motion to displacements of the
+/// nodes.
+class MotionSearch {
+ public:
+  MotionSearch(const files::Picture& reference, const CorrelationStage& fine, const files::Picture& picture,
+               const CorrelationOptions& options)
+      : reference_(reference),
+        picture_(picture),
+        fine_(fine),
+        options_(options),
+        meshes_(coarse_meshes(fine.mesh(), reference.width, reference.height)),
+        top_(meshes_.empty() ? 0 : meshes_.front().level),
+        mask_(mesh_mask(fine.pixels(), fine.reference())),
+        before_(picture_pyramid(reference, mask_, top_)),
+        after_(picture_pyramid(picture, {}, top_)) {}
+
+  /// From coarse to fine pictures, beginning with `motion`, or where there is none with the best shift of the
+  /// coarsest.
+  void refine(const std::optional<AffineMotion>& motion, CorrelationResult& result) const;
+  /// From features in both pictures.
+  [[nodiscard]] std::optional<AffineMotion> matched() const;
+
+ private:
+  const files::Picture &reference_, &picture_;
+  const CorrelationStage& fine_;
+  const CorrelationOptions& options_;
+  std::vector<CoarseMesh> meshes_;
+  int top_;
+  files::Picture mask_;
+  std::vector<PyramidLevel> before_, after_;
+};
+
+void MotionSearch::refine(const std::optional<AffineMotion>& motion, CorrelationResult& result) const {
   CorrelationResult last;
   const CoarseMesh* coarser = nullptr;
   SplineImage image;
   int image_level = -1;
-  for (const CoarseMesh& coarse : meshes) {
-    const auto& reference_level = before[coarse.level];
-    const auto& picture_level = after[coarse.level].picture;
-    const auto stage = coarse_stage(reference_level, coarse, options);
+  for (const CoarseMesh& coarse : meshes_) {
+    const auto& reference_level = before_[coarse.level];
+    const auto& picture_level = after_[coarse.level].picture;
+    const auto stage = coarse_stage(reference_level, coarse, options_);
     if (!stage) continue;
     CorrelationResult now;
-    if (coarser == nullptr) {
-      const auto shift = best_shift(reference_level, picture_level);
-      now.displacement = Eigen::Vector2d(shift[0], shift[1]).replicate(coarse.mesh.node_count(), 1);
-    } else {
+    if (coarser != nullptr) {
       transfer(coarser->mesh, last.displacement, coarser->level, coarse.mesh, coarse.level, now.displacement);
       now.gain = last.gain, now.offset = last.offset;
+    } else if (motion) {
+      now.displacement = nodal_displacement(at_level(*motion, 0, coarse.level), coarse.mesh);
+    } else {
+      const auto shift = best_shift(reference_level, picture_level);
+      now.displacement = Eigen::Vector2d(shift[0], shift[1]).replicate(coarse.mesh.node_count(), 1);
     }
     if (image_level != coarse.level)
-      image.assign(picture_level, 0, options.threads), image_level = coarse.level;
+      image.assign(picture_level, 0, options_.threads), image_level = coarse.level;
     const Eigen::VectorXd start = now.displacement;
     stage->correlate(image, now);
     if (!now.displacement.allFinite() || now.displacement.isZero(0))
@@ -204,8 +239,46 @@ void ImageCorrelation::Work::search(const files::Picture& picture, CorrelationRe
     last = std::move(now);
   }
   if (coarser == nullptr) return;
-  transfer(coarser->mesh, last.displacement, coarser->level, fine.mesh(), 0, result.displacement);
+  transfer(coarser->mesh, last.displacement, coarser->level, fine_.mesh(), 0, result.displacement);
   result.gain = last.gain, result.offset = last.offset;
+}
+
+std::optional<AffineMotion> MotionSearch::matched() const {
+  const Region bounds = fine_.mesh().bounds();
+  const double size = std::sqrt(bounds.width() * bounds.height());
+  const int level = std::clamp<int>(std::ceil(std::log2(size / k_matched_size)), 0, top_);
+  const auto motion = level > 0 ? matched_motion(before_[level], after_[level].picture, options_.threads)
+                                : matched_motion({reference_, mask_}, picture_, options_.threads);
+  if (!motion) return std::nullopt;
+  return at_level(*motion, level, 0);
+}
+
+}  // namespace
+
+/// The search from coarse to fine pictures reaches some tens of pixels and a few degrees. Where what it finds
+/// explains the picture badly features may find more.
+void ImageCorrelation::Work::search(const files::Picture& picture, CorrelationResult& result) {
+  const MotionSearch search(reference, fine, picture, options);
+  search.refine(std::nullopt, result);
+  look_at(picture);
+  result.searched = true;
+  CorrelationResult found = result;
+  const bool close = fine.correlate(deformed, found, k_doubtful);
+  if (!close || !found.converged) {
+    if (const auto motion = search.matched()) {
+      CorrelationResult other = result;
+      search.refine(motion, other);
+      const double misfit = fine.misfit(deformed, result);
+      if (fine.misfit(deformed, other) < misfit) {
+        other.element_valid = fine.seen();
+        fine.correlate(deformed, other);
+        result = std::move(other);
+        return;
+      }
+    }
+    if (!close) fine.correlate(deformed, found);
+  }
+  result = std::move(found);
 }
 
 ImageCorrelation::ImageCorrelation(files::Picture reference, ImageMesh mesh, CorrelationOptions options,
@@ -332,7 +405,7 @@ CorrelationResult ImageCorrelation::correlate(const files::Picture& deformed, co
       result.predicted = work_->fine.misfit(work_->deformed, result) < misfit;
       if (!result.predicted) result.displacement = start;
     }
-    if (work_->fine.correlate(work_->deformed, result, true)) {
+    if (work_->fine.correlate(work_->deformed, result, k_far)) {
       work_->fine.remove_regularisation(work_->deformed, result);
       return result;
     }
@@ -340,10 +413,6 @@ CorrelationResult ImageCorrelation::correlate(const files::Picture& deformed, co
     result.displacement.setZero(dofs);
   }
   work_->search(deformed, result);
-  result.searched = true;
-  if (start.size() == 0)
-    work_->look_at(deformed);  // after the search, which has pictures of its own in memory
-  work_->fine.correlate(work_->deformed, result);
   work_->fine.remove_regularisation(work_->deformed, result);
   return result;
 }

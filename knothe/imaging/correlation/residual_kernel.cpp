@@ -1,4 +1,5 @@
 #include "knothe/imaging/correlation/residual_kernel.hpp"
+#include "knothe/imaging/correlation/element_residuals.hpp"
 
 #include <algorithm>
 #include <array>
@@ -247,8 +248,12 @@ ResidualSums residual_sums(const PixelTable& table, const ElementPixels& element
                          : sums_of<false>(table, element, f, g, motion);
 }
 
-void residual_pixels(const PixelTable& table, const ElementPixels& element, const ReferenceRows& f,
-                     const SplineImage& g, const ElementMotion& motion, float* out, std::size_t stride) {
+namespace {
+
+/// `put(x, y, residual)` for each pixel of an element, NaN where there is none.
+template <class Put>
+void each_residual(const PixelTable& table, const ElementPixels& element, const ReferenceRows& f,
+                   const SplineImage& g, const ElementMotion& motion, const Put& put) {
   const Lanes lane = lane_numbers();
   for (const auto& row : table.rows(element)) {
     const RowMotion m = row_motion(motion, row.y - element.y_origin);
@@ -266,12 +271,30 @@ void residual_pixels(const PixelTable& table, const ElementPixels& element, cons
       const std::size_t i = f.index(row.x + k, row.y);
       for (int l = 0; l < std::min(k_lanes, row.count - k); ++l) {
         const std::size_t s = l;
-        out[row.y * stride + row.x + k + l] = seen[s]
-                                                  ? f.value[i + s] - motion.gain * value[s] - motion.offset
-                                                  : std::numeric_limits<float>::quiet_NaN();
+        put(row.x + k + l, row.y,
+            seen[s] ? f.value[i + s] - motion.gain * value[s] - motion.offset
+                    : std::numeric_limits<float>::quiet_NaN());
       }
     }
   }
+}
+
+}  // namespace
+
+void residual_pixels(const PixelTable& table, const ElementPixels& element, const ReferenceRows& f,
+                     const SplineImage& g, const ElementMotion& motion, float* out, std::size_t stride) {
+  each_residual(table, element, f, g, motion,
+                [&](int x, int y, float residual) { out[y * stride + x] = residual; });
+}
+
+std::vector<float> element_residuals(const PixelTable& table, const ElementPixels& element,
+                                     const ReferenceRows& f, const SplineImage& g,
+                                     const ElementMotion& motion) {
+  std::vector<float> residuals;
+  each_residual(table, element, f, g, motion, [&](int, int, float residual) {
+    if (!std::isnan(residual)) residuals.push_back(residual);
+  });
+  return residuals;
 }
 
 }  // namespace knothe::imaging

@@ -15,6 +15,7 @@
 #include "knothe/files/vtu.hpp"
 #include "knothe/imaging/crack/strain.hpp"
 #include "knothe/imaging/series/camera_drift.hpp"
+#include "knothe/numerics/linear/selected_inverse.hpp"
 #include "knothe/numerics/statistics/order_statistics.hpp"
 
 namespace knothe::imaging {
@@ -72,14 +73,10 @@ void write_precisions(files::Hdf5Writer& file, const PictureSeries& series,
   }
 }
 
-/// Cells with four nodes where all are rectangles, otherwise triangles (rectangles cut in two).
-struct Cells {
-  std::vector<std::int64_t> nodes;
-  std::vector<std::size_t> element;  ///< of each cell
-  std::size_t nodes_per_cell = 4;
-};
-Cells cells_of(const ImageMesh& mesh) {
-  Cells cells;
+}  // namespace
+
+FileCells file_cells(const ImageMesh& mesh) {
+  FileCells cells;
   const bool quadrilaterals = std::all_of(mesh.elements.begin(), mesh.elements.end(),
                                           [](const auto& e) { return ImageMesh::nodes_of(e) == 4; });
   cells.nodes_per_cell = quadrilaterals ? 4 : 3;
@@ -95,6 +92,8 @@ Cells cells_of(const ImageMesh& mesh) {
   }
   return cells;
 }
+
+namespace {
 
 /// A number of each picture.
 template <typename Get>
@@ -129,17 +128,17 @@ void write_records(files::Hdf5Writer& file, const std::vector<PictureResult>& re
   file.texts_attribute("/pictures", "messages", messages);
 }
 
-void write_elements(files::Hdf5Writer& file, const std::vector<PictureResult>& results, std::size_t count) {
+/// One value for each of the file's cells.
+void write_elements(files::Hdf5Writer& file, const std::vector<PictureResult>& results,
+                    const FileCells& cells) {
   std::vector<std::int64_t> valid;
   std::vector<double> residual;
-  for (const auto& r : results) {
-    valid.insert(valid.end(), r.correlation.element_valid.begin(), r.correlation.element_valid.end());
-    residual.insert(residual.end(), r.correlation.element_residual.begin(),
-                    r.correlation.element_residual.end());
-  }
-  file.write_integers("/elements/valid", valid, {results.size(), count},
-                      {"1", "1 where an element was measured"});
-  file.write("/elements/residual", residual, {results.size(), count},
+  for (const auto& r : results)
+    for (const std::size_t e : cells.element)
+      valid.push_back(r.correlation.element_valid[e]), residual.push_back(r.correlation.element_residual[e]);
+  const files::Shape shape{results.size(), cells.element.size()};
+  file.write_integers("/elements/valid", valid, shape, {"1", "1 where an element was measured"});
+  file.write("/elements/residual", residual, shape,
              {"grey levels", "root mean square residual"});
 }
 
@@ -248,7 +247,7 @@ void write_displacements(const std::string& path, const PictureSeries& series,
   std::vector<double> points;
   for (std::size_t a = 0; a < n; ++a)
     points.insert(points.end(), places.begin() + 6 * a, places.begin() + 6 * a + 3);
-  const Cells cells = cells_of(mesh);
+  const FileCells cells = file_cells(mesh);
   files::write_atomically(path, [&](const std::string& temporary) {
     files::Hdf5Writer file(temporary);
     file.write("/time", time, {n_t},
@@ -275,7 +274,7 @@ void write_displacements(const std::string& path, const PictureSeries& series,
       file.number_attribute("/picture_frame", "relative_scale_std", frame->relative_scale_std);
     }
     write_records(file, results);
-    write_elements(file, results, mesh.elements.size());
+    write_elements(file, results, cells);
     if (series.options().crack) write_cracks(file, results);
     file.text_attribute("/", "created_by", k_created_by);
     file.text_attribute("/", "project", project);
@@ -285,16 +284,48 @@ void write_displacements(const std::string& path, const PictureSeries& series,
   });
 }
 
+/// Correlations are those of the precision; standard deviations may also contain a regularisation.
+Eigen::MatrixXd point_std(const PictureSeries& series, const PictureResult& result,
+                          const Eigen::MatrixXd& points) {
+  const ImageMesh& mesh = series.correlation().mesh();
+  const Eigen::VectorXd std = series.displacement_std(result);
+  Sparse precision = series.precision(result, result.noise).matrix;
+  for (int i = 0; i < precision.rows(); ++i)
+    if (!(precision.coeff(i, i) > 0)) precision.coeffRef(i, i) = 1;  // not measured
+  const numerics::SelectedInverse covariance(precision);
+  const PointLocator locator(mesh);
+  Eigen::MatrixXd at = Eigen::MatrixXd::Constant(points.rows(), 2, k_nan);
+  for (Index p = 0; p < points.rows(); ++p) {
+    const auto place = locator.find(points(p, 0), points(p, 1));
+    if (place.element < 0 || result.correlation.element_valid[place.element] == 0) continue;
+    const auto& nodes = mesh.elements[place.element];
+    for (int k = 0; k < 2; ++k) {
+      double variance = 0;
+      for (Index a = 0; a < ImageMesh::nodes_of(nodes); ++a)
+        for (Index b = 0; b < ImageMesh::nodes_of(nodes); ++b) {
+          const int i = 2 * nodes[a] + k, j = 2 * nodes[b] + k;
+          const double scale = std::sqrt(covariance.diagonal()[i] * covariance.diagonal()[j]);
+          variance += place.shape[a] * place.shape[b] * std[i] * std[j] * covariance.entry(i, j) / scale;
+        }
+      at(p, k) = std::sqrt(std::max(0.0, variance));
+    }
+  }
+  return at;
+}
+
 void write_at_points(const std::string& path, const ImageMesh& mesh, const PictureResult& result,
-                     const Eigen::MatrixXd& points) {
+                     const Eigen::MatrixXd& points, const Eigen::MatrixXd& std) {
   std::vector<char> inside;
   const Eigen::MatrixXd at =
       interpolate(mesh, result.correlation.displacement, points, inside, result.correlation.element_valid);
-  const std::vector<std::string> header{"x", "y", "u", "v", "inside"};
+  std::vector<std::string> header{"x", "y", "u", "v", "inside"};
+  if (std.size() > 0) header.insert(header.end(), {"u_std", "v_std"});
   files::CsvWriter csv(header);
-  for (Index i = 0; i < points.rows(); ++i)
-    csv.add_row(std::array<double, 5>{points(i, 0), points(i, 1), at(i, 0), at(i, 1),
-                                      static_cast<double>(inside[i])});
+  for (Index i = 0; i < points.rows(); ++i) {
+    std::vector<double> row{points(i, 0), points(i, 1), at(i, 0), at(i, 1), 1.0 * inside[i]};
+    if (std.size() > 0) row.insert(row.end(), {std(i, 0), std(i, 1)});
+    csv.add_row(row);
+  }
   csv.write(path);
 }
 
@@ -322,7 +353,7 @@ void write_displacement_vtu(const std::string& path, const PictureSeries& series
     strains.insert(strains.end(), {strain(a, 0), strain(a, 1), -strain(a, 2)});  // y up
     seen.push_back(measured[i]);
   }
-  const Cells cells = cells_of(mesh);
+  const FileCells cells = file_cells(mesh);
   std::vector<double> residual, valid;
   for (const std::size_t e : cells.element)
     residual.push_back(c.element_residual[e]), valid.push_back(c.element_valid[e]);

@@ -30,14 +30,29 @@ void write_displacements(const std::string& path, const PictureSeries& series,
                          const std::vector<PictureResult>& results, const std::optional<PictureFrame>& frame,
                          const std::string& project);
 
+/// The cells of such a file: with four nodes where all elements are quadrilaterals, otherwise triangles
+/// (quadrilaterals cut in two).
+struct FileCells {
+  std::vector<std::int64_t> nodes;
+  std::vector<std::size_t> element;  ///< of each cell
+  std::size_t nodes_per_cell = 4;
+};
+[[nodiscard]] FileCells file_cells(const ImageMesh& mesh);
+
 /// The results in such a file, of the first pictures of this series, so that it can go on
 /// (PictureSeries::resume). Errors: DataError for a file of other references, pictures or mesh.
 [[nodiscard]] std::vector<PictureResult> read_results(const std::string& path, const PictureSeries& series);
 
+/// Standard deviations of u and v at points of the reference picture (n × 2, px), with the covariance of an
+/// element's nodes; NaN where write_at_points has `inside` 0.
+[[nodiscard]] Eigen::MatrixXd point_std(const PictureSeries& series, const PictureResult& result,
+                                        const Eigen::MatrixXd& points);
+
 /// CSV x,y,u,v,inside at points of the reference picture (n × 2, px); u, v are nan where inside is 0: outside
-/// the mesh, or in an element that was taken out. Errors: IoError.
+/// the mesh, or in an element that was taken out. `std` (may be empty): in columns u_std,v_std behind them.
+/// Errors: IoError.
 void write_at_points(const std::string& path, const ImageMesh& mesh, const PictureResult& result,
-                     const Eigen::MatrixXd& points);
+                     const Eigen::MatrixXd& points, const Eigen::MatrixXd& std = {});
 
 /// Displacement, its standard deviation (`std`, px), strains, residual and validity of one picture for
 /// ParaView; y points up, in px or, with a frame, in m. Units are in VTK's key UNITS_LABEL. Errors: IoError.

@@ -46,7 +46,8 @@ std::vector<PictureResult> read_results(const std::string& path, const PictureSe
   if (!file.has("/picture_frame/displacement") || !file.has("/elements/valid"))
     throw DataError(fmt::format("{}: error: not a file of `knothe dic`: it cannot be resumed", path));
   const ImageMesh& mesh = series.correlation().mesh();
-  const std::size_t nodes = mesh.x.size(), elements = mesh.elements.size();
+  const FileCells file_has = file_cells(mesh);
+  const std::size_t nodes = mesh.x.size(), cells = file_has.element.size();
   const auto names = file.texts_attribute("/pictures", "names"),
              messages = file.texts_attribute("/pictures", "messages");
   const std::size_t n_t = names.size();
@@ -55,7 +56,7 @@ std::vector<PictureResult> read_results(const std::string& path, const PictureSe
   if (n_t > pictures.size() || !std::equal(names.begin(), names.end(), pictures.begin()))
     refuse(path, "pictures");
   const auto places = file.read("/picture_frame/nodes");
-  bool same = places.size() == 2 * nodes && file.shape("/elements/valid")[1] == elements;
+  bool same = places.size() == 2 * nodes && file.shape("/elements/valid")[1] == cells;
   for (std::size_t a = 0; same && a < nodes; ++a)
     same = std::abs(places[2 * a] - mesh.x[a]) < 1e-6 && std::abs(places[2 * a + 1] - mesh.y[a]) < 1e-6;
   if (!same) refuse(path, "mesh");
@@ -63,7 +64,7 @@ std::vector<PictureResult> read_results(const std::string& path, const PictureSe
   const bool regularised = file.has("/picture_frame/unregularised");
   const auto free = regularised ? file.read("/picture_frame/unregularised", files::Shape{n_t, nodes, 2}, true)
                                 : std::vector<double>();
-  const auto residual = file.read("/elements/residual", files::Shape{n_t, elements});
+  const auto residual = file.read("/elements/residual", files::Shape{n_t, cells});
   const auto valid = file.read_integers("/elements/valid");
   const auto number = [&](const char* name) {
     return file.read(std::string("/pictures/") + name, files::Shape{n_t});
@@ -85,9 +86,10 @@ std::vector<PictureResult> read_results(const std::string& path, const PictureSe
       if (const double u = free[2 * nodes * t + i]; !std::isnan(u)) c.unregularised[i] = u;
     c.converged = converged[t] != 0, c.iterations = iterations[t], c.residual_rms = rms[t];
     c.gain = gain[t], c.offset = offset[t], c.elements_rejected = rejected[t];
-    for (std::size_t e = 0; e < elements; ++e) {
-      c.element_valid.push_back(valid[elements * t + e]);
-      c.element_residual.push_back(residual[elements * t + e]);
+    c.element_valid.resize(mesh.elements.size()), c.element_residual.resize(mesh.elements.size());
+    for (std::size_t k = 0; k < cells; ++k) {
+      c.element_valid[file_has.element[k]] = valid[cells * t + k];
+      c.element_residual[file_has.element[k]] = residual[cells * t + k];
     }
     if (file.has("/crack/found")) read_crack(file, t, r);
     results.push_back(std::move(r));

@@ -205,7 +205,8 @@ std::string PictureSeries::what_to_try() const {
   if (options_.correlation.regularisation == 0)
     advice.emplace_back("regularisation of some elements' size (dic.regularisation)");
   advice.emplace_back(
-      "pictures in between, if the surface turned by more than 4° or moved by tens of pixels");
+      "pictures in between, if more than half of the region has left the picture, or it is stretched by more "
+      "than a fifth");
   return fmt::format("try {}", fmt::join(advice, ", or "));
 }
 

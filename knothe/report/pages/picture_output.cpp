@@ -69,6 +69,7 @@ class PictureOutput {
     } else if (has_ending(".vtu") && several()) {
       throw UsageError("-o: several pictures need a series, .pvd");
     }
+    if (files.std && files.at.empty()) throw UsageError("--std needs --at: it adds columns to that table");
     if (files.resume && !has_ending(".h5"))
       throw UsageError("--resume needs -o FILE.h5, what it goes on with");
     if (!files.maps.empty()) files::require_writable_folder(files.maps);
@@ -85,7 +86,8 @@ class PictureOutput {
     if (output.empty() || r.missing) return;
     if (!files_.at.empty()) {
       const fs::path path = several() ? output / (stems_[r.index] + ".csv") : output;
-      imaging::write_at_points(path.string(), series.correlation().mesh(), r, points_);
+      imaging::write_at_points(path.string(), series.correlation().mesh(), r, points_,
+                               files_.std ? imaging::point_std(series, r, points_) : Eigen::MatrixXd());
     } else if (has_ending(".vtu")) {
       imaging::write_displacement_vtu(files_.output, series, r, std, task_.frame);
     } else if (has_ending(".pvd")) {

@@ -27,6 +27,7 @@ struct PictureFiles {
   std::string output;   ///< .h5, .vtu, .pvd; with `at` .csv or a folder
   std::string maps;     ///< folder for PNG maps
   std::string table;    ///< for the settings that a report should hold
+  bool std = false;     ///< with `at`: standard deviations as well
   bool resume = false;  ///< go on with what `output` (.h5) holds
 };
 
