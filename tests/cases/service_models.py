@@ -1,9 +1,12 @@
 """`knothe serve`: what the page and UM-Bridge clients ask of the model. Judged by the formula behind the model."""
+import json
 import math
+import os
 import unittest
 
 import analytic_model
 from service_support import ServiceCase
+from support import REPOSITORY
 
 
 class Test(ServiceCase):
@@ -76,6 +79,35 @@ class Test(ServiceCase):
                 self.assertIn(status, (200, 400, 404), (path, body))
                 if status == 404:
                     self.assertNotEqual(body["error"]["type"], "NotFound", path)
+
+    def test_lines_of_steps_have_a_schema(self):
+        """docs/reference/step.schema.json is what the service says of its lines, without what it adds; the command's lines keep to it.
+
+        KNOTHE_WRITE_SCHEMA=1 writes it anew.
+        """
+        service = self.serve()
+        line = service.get("/v1/openapi.json")[1]["components"]["schemas"]["Line"]
+        added = ("site", "event", "data", "received_at")
+        schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "A line of `knothe assimilate --json`, of a step",
+                  "type": "object", "properties": {key: entry for key, entry in line["properties"].items() if key not in added},
+                  "required": [key for key in line["required"] if key not in added]}
+        file = REPOSITORY / "docs/reference/step.schema.json"
+        if "KNOTHE_WRITE_SCHEMA" in os.environ:
+            file.write_text(json.dumps(schema, indent=1, ensure_ascii=False) + "\n")
+        self.assertEqual(json.loads(file.read_text()), schema)
+        lines = self.expect(0, "assimilate", self.project_name, "--json").lines()[:-1]
+        kinds = {"object": dict, "array": list, "string": str, "number": (int, float), "integer": int, "boolean": bool}
+        for each in lines:
+            self.assertLessEqual(set(schema["required"]), set(each))
+            for key in set(each) & set(schema["properties"]):
+                self.assertIsInstance(each[key], kinds[schema["properties"][key]["type"]], key)
+        with self.subTest("by a validator of its own"):
+            try:
+                import jsonschema
+            except ImportError as missing:
+                self.skipTest(f"no {missing.name}")
+            for each in lines:
+                jsonschema.validate(each, schema)
 
     def test_it_is_a_umbridge_server(self):
         service = self.serve()
