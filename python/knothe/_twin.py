@@ -18,7 +18,7 @@ from knothe._errors import UsageError, warned
 from knothe._models import Model, _at_points
 from knothe._posterior import Forecast, Posterior, Verdict
 from knothe._results import groups_of
-from knothe._values import (Array, OfNative, Precision, Prior, Seed, Sensors, counted, measured_values, noise_values, prior_values,
+from knothe._values import (Array, OfNative, Prior, Seed, Sensors, counted, measured_values, noise_values, prior_values,
                             seed_of, step_of)
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class Datum(OfNative):
         In the units of the sensors, m for displacements; NaN where missing.
     std : float or array_like, optional
         Standard deviations of this datum's noise; by default those of the sensors.
-    precision : Precision, optional
+    precision : Precision or matrix, optional
         Inverse covariance of this datum's noise.
     source, session : str
         Identify the source if several deliver data for one step.
@@ -50,7 +50,7 @@ class Datum(OfNative):
     (3, array([0.0012,    nan]))
     """
 
-    def __init__(self, step: int, values: ArrayLike, std: ArrayLike | None = None, precision: Precision | None = None,
+    def __init__(self, step: int, values: ArrayLike, std: ArrayLike | None = None, precision: Any = None,
                  source: str = "", session: str = "", seq: int | None = None) -> None:
         if not isinstance(step, (int, np.integer)) or step < 0:
             raise UsageError(f"step {step}: steps of data are integers ≥ 0")
@@ -208,7 +208,7 @@ class Twin:
         What is measured.
     std : float or array_like
         Standard deviation of the noise of each sensor, m; or
-    precision : Precision
+    precision : Precision or matrix
         its inverse covariance.
     parameters : mapping of name to Normal, Uniform or Lognormal
         A prior for each parameter of the model; their order is that of the results.
@@ -246,7 +246,7 @@ class Twin:
 
     def __init__(self, project: "str | os.PathLike[str] | None" = None, *, method: str | None = None,
                  model: "str | os.PathLike[str] | Model | None" = None, sensors: Sensors | None = None,
-                 std: ArrayLike | None = None, precision: Precision | None = None,
+                 std: ArrayLike | None = None, precision: Any = None,
                  parameters: Mapping[str, Prior] | None = None, forecasts: Mapping[str, Mapping[str, Any]] | None = None,
                  tolerance: float = 1e-3, max_order: int = 8, seed: Seed = 1) -> None:
         values = (model, sensors, std, precision, parameters, forecasts)
