@@ -2,12 +2,13 @@
 # make demo-live   the same with the online service, a simulated camera, and its page
 # make docs        the documentation as pages for a browser: build/docs/index.html
 # make packages    Debian packages of all of it, for any machine: build/packages/*.deb
+# make wheel       the package for Python with all that it needs, for any Linux: build/wheel/*.whl
 # make release     those, the source archive, what is in them, checksums: build/release-VERSION/
 # make test        everything in release and its tests, the long ones in a short form; the last line is `N passed, N failed`
 # make check       their long forms, address and undefined-behaviour sanitizers on the online rooms, fuzzers on the parsers; likewise
 # make test-all    all of it with full counts and every check, the thread sanitizer, packages and both commands in an empty Debian: a night
 # Each installs what it needs itself (scripts/packages.txt).
-.PHONY: demo demo-live docs packages release test check test-all bench build dependencies dashboard dashboard-test format tidy install clean
+.PHONY: demo demo-live docs packages wheel release test check test-all bench build dependencies dashboard dashboard-test format tidy install clean
 
 JOBS ?= $(shell nproc)
 
@@ -27,6 +28,10 @@ packages:
 	@scripts/install-dependencies.sh build package
 	scripts/packages.sh
 
+wheel:
+	@scripts/install-dependencies.sh build package
+	scripts/wheel.sh
+
 release:
 	@scripts/install-dependencies.sh build package
 	scripts/release.sh
@@ -39,7 +44,7 @@ check:
 	@scripts/install-dependencies.sh build test check
 	scripts/test.sh release-slow asan fuzz
 
-test-all: packages
+test-all: packages wheel
 	@scripts/install-dependencies.sh build test check
 	scripts/test.sh release-full asan-all tsan fuzz-full
 

@@ -43,6 +43,7 @@ struct Result {
   assimilation::StepResult step;
   std::shared_ptr<const std::vector<posterior::Prior>> priors;
   std::shared_ptr<const std::vector<model::Axis>> axes;
+  bool warned = false;  ///< the caller, that it is not trusted
 };
 using SharedResult = std::shared_ptr<Result>;
 
@@ -186,6 +187,17 @@ likelihood::Datum datum_of(std::size_t step, const Doubles& values, const Double
   return datum;
 }
 
+/// Of noise of its own that is correlated; else none.
+std::optional<py::tuple> precision_of(const likelihood::Datum& datum) {
+  if (!datum.noise || datum.noise->is_independent()) return std::nullopt;
+  const Eigen::SparseMatrix<double> columns = datum.noise->precision();  // of a symmetric matrix also the rows
+  const auto entries = columns.nonZeros();
+  const int *inner = columns.innerIndexPtr(), *outer = columns.outerIndexPtr();
+  return py::make_tuple(array_of(std::vector<double>(columns.valuePtr(), columns.valuePtr() + entries)),
+                        array_of(std::vector<std::int64_t>(inner, inner + entries)),
+                        array_of(std::vector<std::int64_t>(outer, outer + columns.outerSize() + 1)));
+}
+
 void bind_data(py::module_& module) {
   using likelihood::Datum;
   py::class_<Datum>(module, "Datum")
@@ -199,7 +211,8 @@ void bind_data(py::module_& module) {
       .def_property_readonly("std", [](const Datum& datum) -> py::object {
         if (!datum.noise) return py::none();
         return array_of(plain(datum.noise->standard_deviations()));
-      });
+      })
+      .def("precision", &precision_of);
 }
 
 void bind_results(py::module_& module) {
@@ -208,6 +221,7 @@ void bind_results(py::module_& module) {
     return rows_of(plain(p.points), p.points.cols());
   };
   py::class_<Result, std::shared_ptr<Result>>(module, "Result")
+      .def_readwrite("warned", &Result::warned)
       .def("json",
            [](const Result& result) {
              return files::json_line(record::step_record(result.step, *result.axes));

@@ -17,17 +17,24 @@ threads of Python go on, and Ctrl-C ends them. The examples import knothe, and n
 `offline`, and project.toml, `twin`, `result` and `moved` are what `Twin`, its `assimilate` and `Correlation.correlate` give.
 All quantities are in SI units, as in the files.
 """
-import importlib
+import importlib.util
+import pathlib
+import sys
 from typing import Any
 
 from knothe._version import __version__
+
+if importlib.util.find_spec("knothe._knothe") is None:
+    raise ImportError(f"knothe was not built for Python {sys.version_info.major}.{sys.version_info.minor} ({sys.executable}): there is "
+                      f"{', '.join(sorted(file.name for file in pathlib.Path(__file__).parent.glob('_knothe*.so'))) or 'no _knothe*.so'} "
+                      "in its folder. Install it for this Python (`pip install knothe`), or use the Python that it was built for")
 from knothe import _knothe
 
 if _knothe.version != __version__:
     raise ImportError(f"the package knothe is of version {__version__}, but its library is of version "
                       f"{_knothe.version}: install both from the same build")
 
-from knothe._errors import DataError, Error, Interrupted, IoError, NumericalError, ProjectError, UsageError
+from knothe._errors import DataError, Error, Interrupted, IoError, NumericalError, ProjectError, UntrustedWarning, UsageError
 from knothe._inference import InferenceResult, infer
 from knothe._maps import Fit, TransportMap, fit, fit_samples
 from knothe._models import Model, ObservedModel, offline
@@ -35,7 +42,7 @@ from knothe._pictures import Correlation, Displacements, read_picture
 from knothe._posterior import Forecast, Posterior, Reason, Verdict
 from knothe._results import Results, open_results
 from knothe._twin import Datum, StepResult, Twin
-from knothe._values import Axis, Lognormal, Normal, Precision, Sensors, Uniform
+from knothe._values import Axis, Lognormal, Normal, Precision, Prior, Sensors, Uniform
 
 
 def __getattr__(name: str) -> Any:
@@ -47,7 +54,8 @@ def __getattr__(name: str) -> Any:
 
 __all__ = [
     "Axis", "Correlation", "DataError", "Datum", "Displacements", "Error", "Fit", "Forecast", "InferenceResult", "Interrupted",
-    "IoError", "Lognormal", "Model", "Normal", "NumericalError", "ObservedModel", "Posterior", "Precision", "ProjectError",
-    "Reason", "Results", "Sensors", "StepResult", "TransportMap", "Twin", "Uniform", "UsageError", "Verdict", "__version__",
+    "IoError", "Lognormal", "Model", "Normal", "NumericalError", "ObservedModel", "Posterior", "Precision", "Prior",
+    "ProjectError", "Reason", "Results", "Sensors", "StepResult", "TransportMap", "Twin", "Uniform", "UntrustedWarning", "UsageError",
+    "Verdict", "__version__",
     "fit", "fit_samples", "infer", "offline", "open_results", "read_picture",
 ]

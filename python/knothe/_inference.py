@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from knothe import _knothe
-from knothe._errors import UsageError
+from knothe._errors import UsageError, warned
 from knothe._posterior import Posterior
-from knothe._values import Array, Prior, count_of, counted, noise_values, numbers, prior_values, require_progress
+from knothe._values import Array, Prior, Seed, count_of, counted, noise_values, numbers, prior_values, require_progress, seed_of
 
 if TYPE_CHECKING:
     import xarray
@@ -111,6 +111,10 @@ class InferenceResult(Posterior):
         return self._groups(chains)
 
 
+def _vectorized(function: Callable[[Array], ArrayLike]) -> Callable[[Array], Array]:
+    return lambda points: numbers(function(points), "the model's values")
+
+
 def _over_points(function: Callable[[Array], ArrayLike]) -> Callable[[Array], Array]:
     """A function of one point as a function of many."""
     def at(points: Array) -> Array:
@@ -125,7 +129,7 @@ def _over_points(function: Callable[[Array], ArrayLike]) -> Callable[[Array], Ar
 def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parameters: Mapping[str, Prior] | None = None, *,
           observed: ArrayLike | None = None, std: ArrayLike | None = None, covariance: ArrayLike | None = None,
           jacobian: Callable[[Array], ArrayLike] | None = None, vectorized: bool = False, method: str | None = None,
-          tolerance: float = 1e-3, max_order: int = 8, samples: int = 10000, evaluations: int = 0, seed: int = 1,
+          tolerance: float = 1e-3, max_order: int = 8, samples: int = 10000, evaluations: int = 0, seed: Seed = 1,
           results: "str | os.PathLike[str] | None" = None,
           progress: Callable[[int, int | None], object] | None = None) -> InferenceResult:
     """Bayesian inference for any model.
@@ -157,7 +161,7 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
     evaluations : int
         Budget: points at which `model` and, each counting once per parameter (of a density four times), `jacobian` are asked.
         0: 20,000, or twice `samples` if that is more; 100,000 for ``transport``; no limit for ``grid`` and ``mcmc``.
-    seed : int
+    seed : int or numpy.random.Generator
         Of the random numbers.
     results : path, optional
         Folder for a project's results, in place of the project's own.
@@ -198,7 +202,7 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
     if not callable(model):
         if any(value is not None for value in (parameters, observed, std, covariance, jacobian, progress)):
             raise UsageError("infer: a project file says everything; leave out parameters, observations, jacobian and progress")
-        return InferenceResult(_knothe.infer_project(os.fspath(model), method or "", os.fspath(results or "")))
+        return warned(InferenceResult(_knothe.infer_project(os.fspath(model), method or "", os.fspath(results or ""))))
     if not parameters:
         raise UsageError("infer: give a prior for each parameter")
     values = np.zeros(0) if observed is None else numbers(observed, "observations").ravel()
@@ -210,8 +214,8 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
         raise UsageError(f"infer: {counted(len(deviations), 'standard deviation')} for {counted(len(values), 'observation')}")
     if covariance is not None and matrix.shape != (len(values), len(values)):
         raise UsageError(f"infer: a covariance of shape {matrix.shape} for {counted(len(values), 'observation')}")
-    over_points = (lambda function: function) if vectorized else _over_points
-    return InferenceResult(_knothe.infer_callable(
+    over_points = _vectorized if vectorized else _over_points
+    return warned(InferenceResult(_knothe.infer_callable(
         over_points(model), None if jacobian is None else over_points(jacobian), prior_values(parameters), values, deviations,
         matrix, method or "auto", tolerance, max_order, count_of(samples, "samples"),
-        count_of(evaluations, "evaluations as budget"), count_of(seed, "as seed"), progress))
+        count_of(evaluations, "evaluations as budget"), seed_of(seed), progress)))

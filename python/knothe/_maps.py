@@ -3,6 +3,8 @@ from __future__ import annotations
 
 import ctypes
 import os
+import pathlib
+import tempfile
 from collections.abc import Callable
 from typing import Any
 
@@ -10,14 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from knothe import _knothe
-from knothe._errors import UsageError
+from knothe._errors import UsageError, warned
 from knothe._posterior import Posterior
-from knothe._values import Array, count_of, numbers, points_of
+from knothe._values import Array, OfNative, Seed, count_of, numbers, points_of, seed_of
 
 _COMPILED: Any = ctypes.CFUNCTYPE(None).__base__  # the class of all functions of ctypes
 
 
-class TransportMap:
+class TransportMap(OfNative):
     """A distribution as an invertible function T of a standard normal variable: T(x), x ~ N(0, I).
 
     From `fit`, `fit_samples` or `TransportMap.load`.
@@ -44,6 +46,12 @@ class TransportMap:
         self.dimension: int = native.dimension
         self.trusted: bool = native.trusted
         self.remark: str = native.remark
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        with tempfile.TemporaryDirectory() as folder:
+            file = pathlib.Path(folder) / "map.h5"
+            self.save(file)
+            return _map_of_bytes, (file.read_bytes(),)
 
     def __call__(self, reference: ArrayLike) -> Array:
         """T(x) at points of the reference.
@@ -114,14 +122,14 @@ class TransportMap:
         """
         return self._native.log_density(points_of(points, self.dimension, "points"))
 
-    def sample(self, count: int, seed: int = 1) -> Array:
+    def sample(self, count: int, seed: Seed = 1) -> Array:
         """Independent draws of the distribution.
 
         Parameters
         ----------
         count : int
             Number of draws.
-        seed : int
+        seed : int or numpy.random.Generator
             Of the random numbers.
 
         Returns
@@ -133,9 +141,9 @@ class TransportMap:
         >>> knothe.fit(lambda p: -0.5 * p @ p, dimension=2).map.sample(100).shape
         (100, 2)
         """
-        return self._native.sample(count_of(count, "draws"), count_of(seed, "as seed"))
+        return self._native.sample(count_of(count, "draws"), seed_of(seed))
 
-    def condition(self, given: ArrayLike, count: int, seed: int = 1) -> Array:
+    def condition(self, given: ArrayLike, count: int, seed: Seed = 1) -> Array:
         """Draws of all coordinates with the first ones equal to `given`.
 
         For a map of samples of (data, parameters) these are samples of the posterior of the parameters, without a likelihood.
@@ -146,7 +154,7 @@ class TransportMap:
             Values of the first m coordinates.
         count : int
             Number of draws.
-        seed : int
+        seed : int or numpy.random.Generator
             Of the random numbers.
 
         Returns
@@ -168,7 +176,7 @@ class TransportMap:
         True
         """
         return self._native.conditional_sample(numbers(given, "given").ravel(), count_of(count, "draws"),
-                                               count_of(seed, "as seed"))
+                                               seed_of(seed))
 
     def save(self, path: "str | os.PathLike[str]") -> None:
         """Writes the map to a file (HDF5), whole or not at all; folders that are missing are made.
@@ -214,10 +222,18 @@ class TransportMap:
         >>> bool(np.all(knothe.TransportMap.load("map.h5").sample(5) == transport.sample(5)))
         True
         """
-        return cls(_knothe.TransportMap.load(os.fspath(path)))
+        return warned(cls(_knothe.TransportMap.load(os.fspath(path))))
 
     def __repr__(self) -> str:
         return f"<TransportMap of dimension {self.dimension}: {self._native.describe()}>"
+
+
+def _map_of_bytes(content: bytes) -> TransportMap:
+    """Of a file of `TransportMap.save`."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = pathlib.Path(folder) / "map.h5"
+        file.write_bytes(content)
+        return TransportMap(_knothe.TransportMap.load(str(file)))
 
 
 class Fit(Posterior):
@@ -252,7 +268,7 @@ def _address(function: Any, what: str, result: Any, arguments: int) -> int:
 
 
 def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Callable[[Array], ArrayLike] | None = None,
-        tolerance: float = 1e-3, max_order: int = 8, seed: int = 1, standardised: bool = True, triangular: bool = False) -> Fit:
+        tolerance: float = 1e-3, max_order: int = 8, seed: Seed = 1, standardised: bool = True, triangular: bool = False) -> Fit:
     """A transport map of a density, and what follows from it.
 
     Finds the mode, then maps of rising order until one is good on points that it was not trained on, then weights.
@@ -274,7 +290,7 @@ def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Call
         On the variance diagnostic.
     max_order : int
         Of the polynomials, 1 to 23; along single variables that need it the map may be longer.
-    seed : int
+    seed : int or numpy.random.Generator
     standardised : bool
         The density is roughly that of N(0, I), or within some units of it; if false, nothing is assumed about its scale.
     triangular : bool
@@ -306,7 +322,7 @@ def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Call
     """
     if isinstance(dimension, bool) or not isinstance(dimension, (int, np.integer)) or dimension < 1:
         raise UsageError(f"dimension {dimension!r}: a density has at least one variable")
-    options = (tolerance, max_order, count_of(seed, "as seed"), standardised, triangular)
+    options = (tolerance, max_order, seed_of(seed), standardised, triangular)
     if isinstance(log_density, _COMPILED):
         slope = 0 if gradient is None else _address(gradient, "gradient", None, 3)
         native, found = _knothe.solve_compiled(dimension, _address(log_density, "log_density", ctypes.c_double, 2), slope, *options)
@@ -314,10 +330,10 @@ def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Call
         raise UsageError("fit: log_density is a function of Python and the gradient compiled: give two of a kind")
     else:
         native, found = _knothe.solve_map(dimension, log_density, gradient, *options)
-    return Fit(native, found)
+    return warned(Fit(native, found))
 
 
-def fit_samples(samples: ArrayLike, *, max_order: int = 5, folds: int = 5, seed: int = 1) -> TransportMap:
+def fit_samples(samples: ArrayLike, *, max_order: int = 5, folds: int = 5, seed: Seed = 1) -> TransportMap:
     """A transport map of samples, by maximum likelihood, component by component.
 
     Parameters
@@ -328,7 +344,7 @@ def fit_samples(samples: ArrayLike, *, max_order: int = 5, folds: int = 5, seed:
         Of each component; cross-validation chooses below that.
     folds : int
         Of the cross-validation; 0: every component gets `max_order`.
-    seed : int
+    seed : int or numpy.random.Generator
         Shuffles samples into folds.
 
     Returns
@@ -352,4 +368,4 @@ def fit_samples(samples: ArrayLike, *, max_order: int = 5, folds: int = 5, seed:
     points = numbers(samples, "samples")
     if points.ndim != 2:
         raise UsageError(f"fit_samples: an array of shape {points.shape} is not m samples of d coordinates")
-    return TransportMap(_knothe.map_from_samples(points, points.shape[1], max_order, folds, seed))
+    return warned(TransportMap(_knothe.map_from_samples(points, points.shape[1], max_order, folds, seed_of(seed))))

@@ -1,6 +1,7 @@
 """Reduced models."""
 from __future__ import annotations
 
+import copy
 import inspect
 import json
 import math
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from knothe import _knothe
 from knothe._errors import UsageError
-from knothe._values import Array, Axis, Sensors, counted, numbers, points_of, require_progress, step_of
+from knothe._values import Array, Axis, OfNative, Sensors, counted, numbers, points_of, require_progress, step_of
 
 
 def _in_order(at: ArrayLike | Mapping[str, float], parameters: Sequence[str]) -> ArrayLike:
@@ -29,7 +30,7 @@ def _in_order(at: ArrayLike | Mapping[str, float], parameters: Sequence[str]) ->
     if set(names) != set(parameters):
         raise UsageError(f"parameters {', '.join(names)}: the model has {', '.join(parameters)}")
     if hasattr(at, "columns"):
-        return np.column_stack([np.asarray(at[name], float) for name in parameters])  # type: ignore[index,call-overload]
+        return np.column_stack([numbers(at[name], f"parameter {name}") for name in parameters])  # type: ignore[index,call-overload]
     return [float(at[name]) for name in parameters]  # type: ignore[index,call-overload]
 
 
@@ -40,7 +41,7 @@ def _at_points(call: Callable[[Array], Array], at: ArrayLike | Mapping[str, floa
     return values[0] if np.ndim(at) == 1 else values
 
 
-class ObservedModel:
+class ObservedModel(OfNative):
     """A reduced model seen through sensors; from `Model.observe`.
 
     Examples
@@ -50,9 +51,13 @@ class ObservedModel:
     ((1,), (1, 2))
     """
 
-    def __init__(self, native: _knothe.ObservedModel, parameters: list[str]) -> None:
-        self._native, self.parameters = native, parameters
-        self._steps = native.steps()
+    def __init__(self, model: Model, sensors: Sensors) -> None:
+        self._native = model._native.observe(sensors.points, sensors.components, sensors.series)
+        self._model, self._sensors, self.parameters = model, copy.deepcopy(sensors), model.parameters
+        self._steps = self._native.steps()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ObservedModel, (self._model, self._sensors)
 
     def __call__(self, at: ArrayLike | Mapping[str, float], step: int) -> Array:
         """The noise-free values of the sensors.
@@ -104,7 +109,7 @@ class ObservedModel:
         return _at_points(lambda points: self._native.predict(points, index, True)[1], at, self.parameters)
 
 
-class Model:
+class Model(OfNative):
     """A reduced model: a field of parameters and time, from the file of `knothe offline`, `knothe model import` or `offline`.
 
     Attributes
@@ -128,10 +133,13 @@ class Model:
     """
 
     def __init__(self, native: _knothe.Model, path: str) -> None:
-        self._native, self.path = native, path
+        self._native, self.path, self._file = native, path, os.path.abspath(path)
         self.parameters: list[str] = native.parameters()
         self.times: Array = native.times()
         self.points, self.components = native.dofs()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Model.load, (self._file,)
 
     @classmethod
     def load(cls, path: "str | os.PathLike[str]") -> "Model":
@@ -277,7 +285,7 @@ class Model:
         array([0.00104, 0.002  ])
         """
         sensors = points if isinstance(points, Sensors) else Sensors(points, components)
-        return ObservedModel(self._native.observe(sensors.points, sensors.components, sensors.series), self.parameters)
+        return ObservedModel(self, sensors)
 
     @property
     def info(self) -> dict[str, Any]:
@@ -327,7 +335,7 @@ def _solutions(function: Callable[..., Any], axes: Mapping[str, Array], time: Ar
             if np.shape(found[1].get(name)) != (len(time),):
                 raise UsageError(f"offline: at {tuple(point)} the output {name} has to be one number for each time, {len(time)} "
                                  "in all")
-            series[index] = found[1][name]
+            series[index] = numbers(found[1][name], f"the output {name}")
         if progress is not None:
             progress(done, total)
     assert values is not None
@@ -441,7 +449,7 @@ def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike | A
         raise UsageError("offline: give points (the places of the displacements) or quantities ({name: unit})")
     labelled = [(nodes if isinstance(nodes, Axis) else Axis(nodes))._labels(name) for name, nodes in parameters.items()]
     axes = {name: np.array(nodes) for name, nodes, *_ in labelled}
-    times = np.asarray(time, float)
+    times = numbers(time, "times")
     _check_order(function, list(axes))
     values, further = _solutions(function, axes, times, list(outputs or ()), progress)
     places = Sensors(np.zeros((0, 3)) if points is None else points, [] if points is None else components)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from knothe import _knothe
 from knothe._errors import UsageError
 from knothe._twin import Datum
-from knothe._values import Array, Precision, Sensors, counted, points_of
+from knothe._values import Array, ByValue, Precision, Sensors, counted, points_of
 
 Picture = NDArray[np.float32]
 
@@ -81,8 +81,8 @@ def _require_scale(scale: float) -> None:
         raise UsageError(f"scale {scale}: give metres per pixel, > 0")
 
 
-@dataclass(frozen=True)
-class Displacements:
+@dataclass(frozen=True, eq=False, repr=False)
+class Displacements(ByValue):
     """Displacements of the nodes, px, positive to the right and down.
 
     Attributes
@@ -252,11 +252,15 @@ class Correlation:
             raise UsageError("Correlation: a mesh has its own region; leave out roi")
         nodes, elements = _mesh(mesh)
         pixels, maximum = _picture(reference)
-        self._maximum = maximum
         region: Any = [0.0] * 4 if roi is None else [float(value) for value in roi]
-        self._native = _knothe.Correlation(pixels, maximum, nodes, elements, element_size, region, prefilter, max_iterations,
-                                           tolerance, threads)
+        self._make(pixels.copy(), maximum, nodes.copy(), elements.copy(), element_size, region, prefilter, max_iterations, tolerance, threads)
+
+    def _make(self, *arguments: Any) -> None:
+        self._arguments, self._native = arguments, _knothe.Correlation(*arguments)
         self.x, self.y, self.elements = self._native.mesh()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _correlation_of, self._arguments
 
     def correlate(self, deformed: "ArrayLike | str | os.PathLike[str]") -> Displacements:
         """Displacements of the nodes in a deformed picture; the iteration starts from those of the last one.
@@ -339,3 +343,10 @@ class Correlation:
         array([0.3, nan])
         """
         return self._native.at(points_of(points, 2, "points of a picture"))
+
+
+def _correlation_of(*arguments: Any) -> Correlation:
+    """A correlation made again, as a copy of one: it has correlated no picture yet."""
+    correlation = Correlation.__new__(Correlation)
+    correlation._make(*arguments)
+    return correlation

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from knothe import _knothe
-from knothe._errors import UsageError
-from knothe._values import Array, count_of
+from knothe._errors import UsageError, untrusted
+from knothe._values import Array, ByValue, count_of
 
 if TYPE_CHECKING:
     import xarray
@@ -48,8 +48,8 @@ class Reason:
     cause: str | None = None
 
 
-@dataclass(frozen=True)
-class Verdict:
+@dataclass(frozen=True, eq=False)
+class Verdict(ByValue):
     """Whether an answer may be used.
 
     Attributes
@@ -102,8 +102,8 @@ class Verdict:
         return self.level != "reject"
 
 
-@dataclass(frozen=True, repr=False)
-class Forecast:
+@dataclass(frozen=True, eq=False, repr=False)
+class Forecast(ByValue):
     """The forecast of one quantity of interest.
 
     Attributes
@@ -409,7 +409,7 @@ class Posterior:
         Examples
         --------
         >>> points, density = result.marginal("E")
-        >>> round(float(np.trapz(density, points)), 3)
+        >>> round(float(density @ np.gradient(points)), 2)
         1.0
         """
         k = self.index(parameter)
@@ -453,4 +453,4 @@ class Posterior:
 
     def __repr__(self) -> str:
         numbers = ", ".join(f"{name} = {m:.4g} ± {s:.2g}" for name, m, s in zip(self.parameters, self.mean, self.std))
-        return f"<{type(self).__name__}: {numbers}{'' if self.trusted else '; ' + ('' if self.remark.startswith('Not trusted') else 'not trusted: ') + self.remark}>"
+        return f"<{type(self).__name__}: {numbers}{'' if self.trusted else '; ' + untrusted(self.remark)}>"

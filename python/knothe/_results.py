@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from knothe._errors import DataError
+from knothe._errors import DataError, warned
 from knothe._posterior import Posterior, Verdict
 from knothe._values import counted
 
@@ -165,4 +165,7 @@ def open_results(folder: "str | os.PathLike[str]") -> Results:
     >>> knothe.open_results("results").parameters
     ['E', 'F']
     """
-    return Results(pathlib.Path(folder))
+    results = Results(pathlib.Path(folder))
+    if not results.steps[-1].get("trusted", True):
+        warned(results.posterior)
+    return results

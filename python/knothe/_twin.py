@@ -1,28 +1,31 @@
 """The engine: data in, one by one and in any order; posterior, forecasts and verdict out."""
 from __future__ import annotations
 
+import copy
 import json
 import os
 import pathlib
 import tempfile
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from knothe import _knothe
-from knothe._errors import UsageError
+from knothe._errors import UsageError, warned
 from knothe._models import Model, _at_points
 from knothe._posterior import Forecast, Posterior, Verdict
 from knothe._results import groups_of
-from knothe._values import Array, Precision, Prior, Sensors, count_of, counted, measured_values, noise_values, prior_values, step_of
+from knothe._values import (Array, OfNative, Prior, Seed, Sensors, counted, measured_values, noise_values, prior_values,
+                            seed_of, step_of)
 
 if TYPE_CHECKING:
     import xarray
 
 
-class Datum:
+class Datum(OfNative):
     """The measurements of all sensors at one time.
 
     Parameters
@@ -33,7 +36,7 @@ class Datum:
         In the units of the sensors, m for displacements; NaN where missing.
     std : float or array_like, optional
         Standard deviations of this datum's noise; by default those of the sensors.
-    precision : Precision, optional
+    precision : Precision or matrix, optional
         Inverse covariance of this datum's noise.
     source, session : str
         Identify the source if several deliver data for one step.
@@ -47,19 +50,29 @@ class Datum:
     (3, array([0.0012,    nan]))
     """
 
-    def __init__(self, step: int, values: ArrayLike, std: ArrayLike | None = None, precision: Precision | None = None,
+    def __init__(self, step: int, values: ArrayLike, std: ArrayLike | None = None, precision: Any = None,
                  source: str = "", session: str = "", seq: int | None = None) -> None:
         if not isinstance(step, (int, np.integer)) or step < 0:
             raise UsageError(f"step {step}: steps of data are integers ≥ 0")
         numbers = measured_values(values).ravel()
         deviations, rows = noise_values(std, precision, len(numbers))
-        self._native = _knothe.Datum(step, numbers, deviations, rows, source, session, step if seq is None else seq)
+        self._make(int(step), numbers, deviations, rows, source, session, step if seq is None else seq)
+
+    def _make(self, *arguments: Any) -> None:
+        self._arguments, self._native = copy.deepcopy(arguments), _knothe.Datum(*arguments)
 
     @classmethod
     def _of(cls, native: _knothe.Datum) -> "Datum":
+        """Of recorded data."""
         datum = cls.__new__(cls)
         datum._native = native
+        rows = native.precision()
+        deviations = np.zeros(0) if rows is not None or native.std is None else native.std
+        datum._arguments = (native.step, native.values, deviations, rows, native.source, native.session, native.seq)
         return datum
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _datum_of, self._arguments
 
     @property
     def step(self) -> int:
@@ -100,7 +113,23 @@ class Datum:
         return f"<Datum of step {self.step}: {counted(len(self.values), 'value')}>"
 
 
-class StepResult(Posterior):
+def _datum_of(*arguments: Any) -> Datum:
+    datum = Datum.__new__(Datum)
+    datum._make(*arguments)
+    return datum
+
+
+@dataclass(frozen=True)
+class _PickledResult:
+    """In place of the module's result, which is not pickled: what it says of the forecasts."""
+
+    text: str
+
+    def forecasts_json(self) -> str:
+        return self.text
+
+
+class StepResult(OfNative, Posterior):
     """The result of a step: the posterior of all data up to it, a `Posterior` with further attributes.
 
     Attributes
@@ -124,6 +153,9 @@ class StepResult(Posterior):
         self._native = native
         self.step: int = self.record["step"]
         self.time: float = self.record["time"]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_native": _PickledResult(self._native.forecasts_json())}
 
     @property
     def verdict(self) -> Verdict:
@@ -176,7 +208,7 @@ class Twin:
         What is measured.
     std : float or array_like
         Standard deviation of the noise of each sensor, m; or
-    precision : Precision
+    precision : Precision or matrix
         its inverse covariance.
     parameters : mapping of name to Normal, Uniform or Lognormal
         A prior for each parameter of the model; their order is that of the results.
@@ -186,7 +218,7 @@ class Twin:
         Tolerance on the variance diagnostic of maps.
     max_order : int
         Highest order of maps.
-    seed : int
+    seed : int or numpy.random.Generator
         Seed of the random numbers.
 
     Raises
@@ -214,14 +246,15 @@ class Twin:
 
     def __init__(self, project: "str | os.PathLike[str] | None" = None, *, method: str | None = None,
                  model: "str | os.PathLike[str] | Model | None" = None, sensors: Sensors | None = None,
-                 std: ArrayLike | None = None, precision: Precision | None = None,
+                 std: ArrayLike | None = None, precision: Any = None,
                  parameters: Mapping[str, Prior] | None = None, forecasts: Mapping[str, Mapping[str, Any]] | None = None,
-                 tolerance: float = 1e-3, max_order: int = 8, seed: int = 1) -> None:
+                 tolerance: float = 1e-3, max_order: int = 8, seed: Seed = 1) -> None:
         values = (model, sensors, std, precision, parameters, forecasts)
         if project is not None:
             if any(value is not None for value in values):
                 raise UsageError("Twin: a project file says everything; leave out model, sensors, noise, parameters and forecasts")
             self._native = _knothe.Twin.of_project(os.fspath(project), method or "")
+            self._made_by: tuple[Any, ...] = ("of_project", os.path.abspath(project), method or "")
         else:
             if model is None or sensors is None or not parameters or method is not None:
                 raise UsageError("Twin: give a project file, or model, sensors, std or precision, and parameters")
@@ -229,15 +262,34 @@ class Twin:
             deviations, rows = noise_values(std, precision, len(sensors))
             text = "".join(f"[forecast.{json.dumps(name)}]\n" + "".join(f"{key} = {_toml(value)}\n" for key, value in table.items())
                            for name, table in (forecasts or {}).items())
-            self._native = _knothe.Twin.of_values(path, sensors.points, sensors.components, sensors.series, deviations, rows,
-                                                  prior_values(parameters), tolerance, max_order, count_of(seed, "as seed"), text)
+            arguments = (copy.deepcopy(sensors.points), list(sensors.components), list(sensors.series), copy.deepcopy(deviations),
+                         copy.deepcopy(rows), prior_values(parameters), tolerance, max_order, seed_of(seed), text)
+            self._native = _knothe.Twin.of_values(path, *arguments)
+            self._made_by = ("of_values", os.path.abspath(path), *arguments)
+        self._describe()
+
+    def _describe(self) -> None:
         self.parameters: list[str] = self._native.parameters()
         self.times: Array = self._native.times()
+        self._given: dict[tuple[int, str, str, int], Datum] = {}  # what is assimilated, in the order of arrival
+        self._read = 0  # of the recorded data
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _twin_of, (self._made_by, list(self._given.values()), self._read)
 
     def _result(self, native: _knothe.Result | None) -> StepResult:
         if native is None:
             raise UsageError("no datum has been assimilated yet")
-        return StepResult(native, self.parameters)
+        result = StepResult(native, self.parameters)
+        if not native.warned:
+            native.warned = True
+            warned(result)
+        return result
+
+    def _assimilate(self, datum: Datum) -> _knothe.Result:
+        found = self._native.assimilate(datum._native)
+        self._given[datum.step, datum._native.source, datum._native.session, datum._native.seq] = datum
+        return found
 
     @property
     def data(self) -> Iterator[Datum]:
@@ -251,6 +303,7 @@ class Twin:
         [0, 1, 2, 3, 4]
         """
         while (native := self._native.next()) is not None:
+            self._read += 1
             yield Datum._of(native)
 
     def assimilate(self, datum: Datum) -> StepResult:
@@ -279,7 +332,7 @@ class Twin:
         """
         if not isinstance(datum, Datum):
             raise UsageError(f"assimilate takes a Datum, not {type(datum).__name__}: knothe.Datum(step, values)")
-        return StepResult(self._native.assimilate(datum._native), self.parameters)
+        return self._result(self._assimilate(datum))
 
     def withdraw(self, step: int, source: str = "", session: str = "", seq: int | None = None) -> None:
         """Withdraws a datum: everything is then, to the bit, as if it had never been assimilated.
@@ -308,7 +361,9 @@ class Twin:
         [0, 1, 2, 4]
         """
         step = step_of(step, len(self.times))
-        self._native.withdraw(step, source, session, step if seq is None else seq)
+        number = step if seq is None else seq
+        self._native.withdraw(step, source, session, number)
+        del self._given[step, source, session, number]
 
     def result(self, step: int) -> StepResult:
         """The posterior of all data up to a step.
@@ -455,3 +510,16 @@ class Twin:
     def __repr__(self) -> str:
         names = f"parameter{'' if len(self.parameters) == 1 else 's'} {', '.join(self.parameters)}"
         return f"<Twin: {names}; data at {len(self.steps)} of {counted(len(self.times), 'step')}>"
+
+
+def _twin_of(made_by: tuple[Any, ...], data: list[Datum], read: int) -> Twin:
+    """A twin made again, from files that are read again, with these data and behind so many of the recorded ones."""
+    twin = Twin.__new__(Twin)
+    way, *arguments = made_by
+    twin._made_by, twin._native = made_by, getattr(_knothe.Twin, way)(*arguments)
+    twin._describe()
+    for _ in range(read):
+        next(twin.data)
+    for datum in data:
+        twin._assimilate(datum)
+    return twin

@@ -1,9 +1,10 @@
 """Plain values that go in: priors, sensors, noise."""
 from __future__ import annotations
 
-from dataclasses import dataclass
+import copy
+from dataclasses import astuple, dataclass, fields
 from collections.abc import Mapping, Sequence
-from typing import Any, Union
+from typing import Any, ClassVar, TypeVar, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from knothe._errors import UsageError
 
 Array = NDArray[np.float64]
+Seed = Union[int, np.random.Generator]
 _COMPONENTS = {"x": 0, "y": 1, "z": 2}
 
 
@@ -19,8 +21,56 @@ def _require(holds: bool, prior: object, rule: str) -> None:
         raise UsageError(f"{prior!r}: {rule}")
 
 
+class ByValue:
+    """Equality of a dataclass that holds arrays: of the type and of every field; a missing value (NaN) equals another."""
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other):
+            return NotImplemented
+        names = [field.name for field in fields(self)]  # type: ignore[arg-type]
+        return all(_same(getattr(self, name), getattr(other, name)) for name in names)
+
+
+_Copied = TypeVar("_Copied", bound="OfNative")
+
+
+class OfNative:
+    """What stands on an object of the module that never changes, `_native`: copies share it, and each class says how it is pickled."""
+
+    _native: Any
+
+    def __copy__(self: _Copied) -> _Copied:
+        return self.__deepcopy__({})
+
+    def __deepcopy__(self: _Copied, memo: dict[int, Any]) -> _Copied:
+        made = type(self).__new__(type(self))
+        made.__dict__ = {name: value if name == "_native" else copy.deepcopy(value, memo) for name, value in self.__dict__.items()}
+        return made
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, tuple) and isinstance(other, tuple):
+        return len(one) == len(other) and all(map(_same, one, other))
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        return np.shape(one) == np.shape(other) and bool(np.all((one == other) | ((one != one) & (other != other))))
+    return bool(one == other)
+
+
+class Prior:
+    """What is known of a parameter before the data: the type of `Normal`, `Uniform` and `Lognormal`.
+
+    Examples
+    --------
+    >>> priors: dict[str, knothe.Prior] = {"E": knothe.Normal(1, 0.3), "F": knothe.Uniform(0.5, 1.5)}
+    """
+
+    _family: ClassVar[str]
+
+
 @dataclass(frozen=True)
-class Normal:
+class Normal(Prior):
     """Normal prior N(mean, std²). For a reduced model it is truncated to the model's box and renormalised.
 
     Parameters
@@ -34,6 +84,7 @@ class Normal:
     Normal(mean=0.9, std=0.45)
     """
 
+    _family = "normal"
     mean: float
     std: float
 
@@ -42,7 +93,7 @@ class Normal:
 
 
 @dataclass(frozen=True)
-class Uniform:
+class Uniform(Prior):
     """Uniform prior between two bounds.
 
     Parameters
@@ -56,6 +107,7 @@ class Uniform:
     Uniform(lower=0.5, upper=1.5)
     """
 
+    _family = "uniform"
     lower: float
     upper: float
 
@@ -64,7 +116,7 @@ class Uniform:
 
 
 @dataclass(frozen=True)
-class Lognormal:
+class Lognormal(Prior):
     """Prior of a positive parameter whose logarithm is N(mu, sigma²).
 
     Parameters
@@ -78,6 +130,7 @@ class Lognormal:
     Lognormal(mu=0.0, sigma=0.25)
     """
 
+    _family = "lognormal"
     mu: float
     sigma: float
 
@@ -85,21 +138,14 @@ class Lognormal:
         _require(np.isfinite(self.mu) and 0 < self.sigma < np.inf, self, "mu must be finite, sigma > 0")
 
 
-Prior = Union[Normal, Uniform, Lognormal]
-
-
 def prior_values(parameters: Mapping[str, Prior]) -> list[tuple[str, str, float, float]]:
     """In the form that the module needs; the order is that of the mapping."""
     values = []
     for name, prior in parameters.items():
-        if isinstance(prior, Normal):
-            values.append((name, "normal", float(prior.mean), float(prior.std)))
-        elif isinstance(prior, Uniform):
-            values.append((name, "uniform", float(prior.lower), float(prior.upper)))
-        elif isinstance(prior, Lognormal):
-            values.append((name, "lognormal", float(prior.mu), float(prior.sigma)))
-        else:
+        if not isinstance(prior, (Normal, Uniform, Lognormal)):
             raise UsageError(f"prior of {name}: {prior!r} is not knothe.Normal, knothe.Uniform or knothe.Lognormal")
+        first, second = astuple(prior)
+        values.append((name, prior._family, float(first), float(second)))
     return values
 
 
@@ -162,8 +208,8 @@ class Sensors:
         return f"<Sensors: {counted(len(self.components), 'displacement')}{series}>"
 
 
-@dataclass(frozen=True)
-class Axis:
+@dataclass(frozen=True, eq=False)
+class Axis(ByValue):
     """A parameter of `offline`: the nodes of its grid, and what they mean.
 
     Parameters
@@ -185,38 +231,57 @@ class Axis:
     reference: float = 1.0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "nodes", numbers(self.nodes, "nodes of an axis"))
         _require(np.isfinite(self.reference) and self.reference != 0, self, "the reference must be finite and not 0")
 
     def _labels(self, name: str) -> tuple[str, list[float], str, str, float]:
         """In the form that the module needs."""
-        nodes = [float(node) for node in np.atleast_1d(np.asarray(self.nodes, float))]
+        nodes = [float(node) for node in np.asarray(self.nodes)]
         if self.reference == 1:
             return name, nodes, self.units, name, 1.0
         return name, nodes, "1", f"{name}, multiple of its reference [{self.units}]", float(self.reference)
 
 
-@dataclass(frozen=True)
-class Precision:
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class Precision(ByValue):
     """Inverse covariance of correlated noise, n x n, both triangles: compressed sparse rows, as in `scipy.sparse.csr_matrix`.
 
     Parameters
     ----------
-    data, indices, indptr : array_like
-        Entries (1/m² for displacements in m), their columns, and where each row begins (n + 1).
+    data : array_like or matrix
+        Entries, 1/m² for displacements in m. Or the whole matrix, n x n: a sparse one of scipy, or an array; then
+    indices, indptr : array_like, optional
+        are left out: the columns of the entries, and where each row begins (n + 1).
+
+    Raises
+    ------
+    UsageError
+        The matrix is not square, or one of the three arrays is missing or masked.
 
     Examples
     --------
     >>> knothe.Precision([4.0, 4.0], [0, 1], [0, 1, 2]).toarray()
     array([[4., 0.],
            [0., 4.]])
+    >>> knothe.Precision(np.diag([4.0, 4.0])) == knothe.Precision([4.0, 4.0], [0, 1], [0, 1, 2])
+    True
     """
 
-    data: ArrayLike
-    indices: ArrayLike
-    indptr: ArrayLike
+    data: Array
+    indices: NDArray[np.int64]
+    indptr: NDArray[np.int64]
+
+    def __init__(self, data: Any, indices: ArrayLike | None = None, indptr: ArrayLike | None = None) -> None:
+        if indices is None and indptr is None:
+            data, indices, indptr = _rows_of(data)
+        if indices is None or indptr is None:
+            raise UsageError("Precision: give data, indices and indptr, or a matrix alone")
+        object.__setattr__(self, "data", numbers(data, "precision"))
+        object.__setattr__(self, "indices", np.asarray(indices, np.int64))
+        object.__setattr__(self, "indptr", np.asarray(indptr, np.int64))
 
     def rows(self) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-        """`data`, `indices` and `indptr` as arrays.
+        """`data`, `indices` and `indptr`.
 
         Returns
         -------
@@ -229,12 +294,12 @@ class Precision:
         >>> knothe.Precision([4.0, 4.0], [0, 1], [0, 1, 2]).rows()[2]
         array([0, 1, 2])
         """
-        return (np.asarray(self.data, float), np.asarray(self.indices, np.int64), np.asarray(self.indptr, np.int64))
+        return self.data, self.indices, self.indptr
 
     def __repr__(self) -> str:
-        entries = np.size(self.data)
+        entries = len(self.data)
         plural = "entry" if entries == 1 else "entries"
-        return f"<Precision: {counted(len(np.asarray(self.indptr)) - 1, 'value')}, {entries} {plural}>"
+        return f"<Precision: {counted(len(self.indptr) - 1, 'value')}, {entries} {plural}>"
 
     def toarray(self) -> Array:
         """The dense matrix; for few sensors.
@@ -250,10 +315,9 @@ class Precision:
         array([[4., 0.],
                [0., 1.]])
         """
-        data, indices, indptr = self.rows()
-        n = len(indptr) - 1
+        n = len(self.indptr) - 1
         dense = np.zeros((n, n))
-        np.add.at(dense, (np.repeat(np.arange(n), np.diff(indptr)), indices), data)
+        np.add.at(dense, (np.repeat(np.arange(n), np.diff(self.indptr)), self.indices), self.data)
         return dense
 
     def scaled(self, factor: float) -> "Precision":
@@ -274,8 +338,22 @@ class Precision:
         >>> knothe.Precision([4.0], [0], [0, 1]).scaled(1e4**2).data
         array([4.e+08])
         """
-        data, indices, indptr = self.rows()
-        return Precision(data * factor, indices, indptr)
+        return Precision(self.data * factor, self.indices, self.indptr)
+
+
+def _rows_of(matrix: Any) -> tuple[Array, ArrayLike, ArrayLike]:
+    """Compressed sparse rows of a square matrix, sparse (of scipy) or not."""
+    is_sparse = hasattr(matrix, "tocsr")
+    shape = matrix.shape if is_sparse else np.shape(matrix)
+    if len(shape) != 2 or shape[0] != shape[1]:
+        raise UsageError(f"Precision: a matrix of shape {shape}; give n x n, or data, indices and indptr")
+    if is_sparse:
+        rows = matrix.tocsr(copy=True)
+        rows.sum_duplicates()
+        return rows.data, rows.indices, rows.indptr
+    dense = numbers(matrix, "precision")
+    row, column = np.nonzero(dense)
+    return dense[row, column], column, np.searchsorted(row, np.arange(len(dense) + 1))
 
 
 def measured_values(values: ArrayLike) -> Array:
@@ -317,6 +395,11 @@ def require_progress(progress: Any) -> None:
         raise UsageError(f"progress: {progress!r} is not a function of (done, total)")
 
 
+def seed_of(seed: Seed) -> int:
+    """A generator gives another seed each time."""
+    return int(seed.integers(2**63)) if isinstance(seed, np.random.Generator) else count_of(seed, "as seed")
+
+
 def count_of(count: int, what: str) -> int:
     """A number of things: a whole one, not negative."""
     if not hasattr(count, "__index__") or count < 0:
@@ -333,12 +416,14 @@ def step_of(step: int, count: int) -> int:
     return int(step) % count
 
 
-def noise_values(std: ArrayLike | None, precision: Precision | None, count: int
+def noise_values(std: ArrayLike | None, precision: Any, count: int
                  ) -> tuple[Array, tuple[Array, NDArray[np.int64], NDArray[np.int64]] | None]:
-    """Standard deviations (one stands for all) or precision, as the module wants them."""
+    """Standard deviations (one stands for all) or precision (or a matrix, of which it is made), as the module wants them."""
     if std is not None and precision is not None:
         raise UsageError("std and precision exclude each other")
     deviations = np.zeros(0) if std is None else numbers(std, "std")
     if std is not None and np.ndim(std) == 0:
-        deviations = np.full(count, float(deviations))
+        deviations = np.full(count, deviations[0])
+    if precision is not None and not isinstance(precision, Precision):
+        precision = Precision(precision)
     return deviations, None if precision is None else precision.rows()

@@ -197,6 +197,19 @@ class Test(CaseInItsFolder):
                               env={**os.environ, "MYPYPATH": os.environ.get("PYTHONPATH", "").split(os.pathsep)[0]})
         self.assertEqual((done.returncode, done.stdout), (0, ""), done.stderr)
 
+    def test_priors_of_several_kinds_have_a_type_in_common(self):
+        if importlib.util.find_spec("mypy") is None:
+            self.skipTest(f"{sys.executable} has no mypy (Debian: python3-mypy)")
+        (self.folder / "user.py").write_text(
+            'import knothe\n\npriors = {"a": knothe.Normal(0, 1), "b": knothe.Uniform(0, 2), "c": knothe.Lognormal(0, 0.2)}\n'
+            'found = knothe.infer(lambda p: p, priors, observed=[1.0, 1.0, 1.0], std=0.1)\nreveal_type(priors)\n'
+            'twin: knothe.Twin = knothe.Twin("project.toml")\n')
+        done = subprocess.run([sys.executable, "-m", "mypy", "--strict", "--ignore-missing-imports", "--follow-imports=silent", "user.py"],
+                              capture_output=True, text=True, timeout=280,
+                              env={**os.environ, "MYPYPATH": os.environ.get("PYTHONPATH", "").split(os.pathsep)[0]})
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        self.assertRegex(done.stdout, r"dict\[.*str, knothe\._values\.Prior\]")
+
     def test_the_installed_package_is_whole(self):
         subprocess.run(["cmake", "--install", os.environ["KNOTHE_BUILD"], "--component", "python", "--prefix", self.folder / "usr"],
                        check=True, capture_output=True)

@@ -1,8 +1,11 @@
 """Python's results are, to the bit, the commands': assimilation, inference, reduced models."""
+import copy
 import itertools
 import json
+import pickle
 import sys
 import unittest
+import warnings
 
 try:
     import numpy as np
@@ -54,13 +57,52 @@ class Test(CaseInItsFolder):
         self.assertEqual(result.quantiles.shape, (2, 5))
         force = result.forecast["force"]
         self.assertEqual((force.mean, force.units), (result.record["forecast"]["force"]["mean"], "N"))
-        self.assertAlmostEqual(np.trapz(force.density, force.points), 1, delta=1e-3)
+        self.assertAlmostEqual(force.density @ np.gradient(force.points), 1, delta=1e-3)
         for k in range(2):
             points, density = result.marginal(k)
-            self.assertAlmostEqual(np.trapz(density, points), 1, delta=1e-2)
+            self.assertAlmostEqual(density @ np.gradient(points), 1, delta=1e-2)
         self.assertEqual(twin.last.record, twin.result(3).record)
         self.assertEqual(twin.posterior["Y0"].dims, ("chain", "draw"))
         self.assertIn("Y0 = ", repr(result))
+
+    def test_a_copy_of_a_twin_goes_its_own_way(self):
+        """Its results are the twin's, to the bit; what is assimilated or withdrawn in one of them is not in the other."""
+        twin = knothe.Twin(self.project_name)
+        for datum in itertools.islice(twin.data, 4):
+            twin.assimilate(datum)
+        twin.withdraw(1)
+        for way in (copy.copy, copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each))):
+            other = way(twin)
+            self.assertEqual(other.steps, [0, 2, 3])
+            self.assertEqual(without_times(other.last.record), without_times(twin.last.record))
+            self.assertEqual(next(other.data).step, 4)
+            other.withdraw(3)
+            self.assertEqual(twin.steps, [0, 2, 3])
+        self.assertEqual(next(twin.data).step, 4)
+        last = pickle.loads(pickle.dumps(twin.last))
+        self.assertEqual((last.record, last.forecast), (twin.last.record, twin.last.forecast))
+        np.testing.assert_array_equal(last.draws(50), twin.last.draws(50))
+
+    def test_a_copy_of_a_twin_of_values(self):
+        model = knothe.Model.load("model.h5")
+        sensors = knothe.Sensors(model.points[:20], "y")
+        twin = knothe.Twin(model=model, sensors=sensors, std=3e-6, parameters=PRIORS, seed=np.random.default_rng(1))
+        for step in (3, 1):
+            twin.assimilate(knothe.Datum(step, model.observe(sensors)([0.9, 1.1], step)))
+        sensors.points[:] = 0
+        other = pickle.loads(pickle.dumps(twin))
+        self.assertEqual(without_times(other.last.record), without_times(twin.last.record))
+
+    def test_an_untrusted_step_warns_once(self):
+        self.edit('kind = "transport"', 'kind = "mcmc"\nsamples = 100')
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            twin = knothe.Twin(self.project_name)
+            result = twin.assimilate(next(twin.data))
+            repr(twin.last), twin.result(0), twin.verdict
+            self.assertFalse(result.trusted)
+        self.assertEqual([(w.category, w.filename) for w in said], [(knothe.UntrustedWarning, __file__)])
+        self.assertIn("not trusted", str(said[0].message).lower())
 
     def test_order_and_withdrawal_leave_no_trace(self):
         data = list(knothe.Twin(self.project_name).data)

@@ -1,8 +1,10 @@
 """The package for Python: errors, threads, Ctrl-C, memory, maps, inference and pictures against exact answers."""
+import copy
 import ctypes
 import math
 import os
 import pathlib
+import pickle
 import shutil
 import signal
 import subprocess
@@ -10,6 +12,7 @@ import sys
 import threading
 import time
 import unittest
+import warnings
 
 try:
     import numpy as np
@@ -20,7 +23,7 @@ except ImportError:
 from support import KNOTHE, CaseInItsFolder
 
 import knothe
-from knothe import _knothe
+from knothe import _knothe, _values
 
 
 def ridge(p):
@@ -124,6 +127,148 @@ class Test(CaseInItsFolder):
         self.assertIn(f"ImportError: the package knothe is of version 9.9.9, but its library is of version {knothe.__version__}",
                       done.stderr)
 
+    def test_another_python_is_told_what_to_install(self):
+        """The module is for one version of Python; under another there is none of that name."""
+        copy_of_package = self.folder / "knothe"
+        copy_of_package.mkdir()
+        for file in pathlib.Path(knothe.__file__).parent.iterdir():
+            if file.is_file():
+                name = "_knothe.cpython-399-x86_64-linux-gnu.so" if file.suffix == ".so" else file.name
+                (copy_of_package / name).symlink_to(file.resolve())
+        done = subprocess.run([sys.executable, "-c", "import knothe"], env={**os.environ, "PYTHONPATH": str(self.folder)},
+                              capture_output=True, text=True)
+        self.assertIn(f"ImportError: knothe was not built for Python {sys.version_info.major}.{sys.version_info.minor} ({sys.executable}): "
+                      "there is _knothe.cpython-399-x86_64-linux-gnu.so in its folder. Install it for this Python (`pip install knothe`), "
+                      "or use the Python that it was built for", done.stderr)
+
+    def test_a_precision_is_a_matrix_of_scipy_too(self):
+        dense = np.array([[4.0, 1.0, 0.0], [1.0, 3.0, 0.0], [0.0, 0.0, 2.0]])
+        of_rows = knothe.Precision([4.0, 1.0, 1.0, 3.0, 2.0], [0, 1, 0, 1, 2], [0, 2, 4, 5])
+        given = [dense]
+        try:
+            import scipy.sparse
+            given += [scipy.sparse.csr_matrix(dense), scipy.sparse.coo_matrix(dense), scipy.sparse.csc_matrix(dense)]
+        except ImportError:
+            pass
+        deviations = np.sqrt(np.diag(np.linalg.inv(dense)))
+        for matrix in given:
+            with self.subTest(type(matrix)):
+                self.assertEqual(knothe.Precision(matrix), of_rows)
+                np.testing.assert_array_equal(knothe.Precision(matrix).toarray(), dense)
+                np.testing.assert_allclose(knothe.Datum(0, [1.0, 2.0, 3.0], precision=matrix).std, deviations, rtol=1e-12)
+        self.refused(knothe.UsageError, "a matrix of shape (2, 3); give n x n, or data, indices and indptr", call=lambda: knothe.Precision(dense[:2]))
+        self.refused(knothe.UsageError, "give data, indices and indptr, or a matrix alone", call=lambda: knothe.Precision([4.0], [0]))
+        masked = np.ma.MaskedArray(dense, mask=dense == 3)
+        self.refused(knothe.UsageError, "precision: 1 of 9 values are masked; give them all", call=lambda: knothe.Precision(masked))
+
+    def test_masks_are_kept_everywhere(self):
+        masked = np.ma.MaskedArray([0.5, 1.0, 1.5], mask=[False, True, False])
+        times, text = [0.0, 1.0], "values are masked; give them all"
+        one = {"a": knothe.Normal(0, 1)}
+        for call in (lambda: knothe.Axis(masked),
+                     lambda: knothe.offline(lambda a: np.zeros((3, 1)), {"a": [0.0, 1.0]}, masked, "m.h5", quantities={"q": "1"}),
+                     lambda: knothe.offline(lambda a: np.zeros((2, 1)), {"a": masked}, times, "m.h5", quantities={"q": "1"}),
+                     lambda: knothe.offline(lambda a: (np.zeros((3, 1)), {"f": masked}), {"a": [0.0, 1.0]}, [0.0, 1.0, 2.0], "m.h5",
+                                            quantities={"q": "1"}, outputs={"f": "N"}),
+                     lambda: knothe.infer(lambda p: masked, one, observed=[1.0, 1.0, 1.0], std=1.0),
+                     lambda: knothe.infer(lambda p: np.ma.MaskedArray(p, mask=p > 0), one, observed=[1.0], std=1.0, vectorized=True),
+                     lambda: knothe.infer(lambda p: p, one, observed=masked, std=1.0),
+                     lambda: knothe.fit_samples(np.ma.MaskedArray(np.ones((9, 1)), mask=True))):
+            self.refused(knothe.UsageError, text, call=call)
+
+    def test_values_are_compared_by_what_they_hold(self):
+        """Arrays entry by entry; other types and other values differ."""
+        verdict = {"level": "ok", "reasons": [], "fit_probability": 0.5, "edge_mass": [0.0, 0.1], "model_shift_std": []}
+        forecast = {"mean": 1.0, "std": 0.1, "maximum_a_posteriori": 1.0, "probability_above_threshold": 0.2, "probability_below_threshold": 0.8,
+                    "horizon": 1.0, "threshold": 2.0, "levels": [0.1, 0.9], "values": [0.8, 1.2], "units": "m"}
+        correlation = knothe.Correlation(speckle(0, 0), element_size=24)
+        moved = correlation.correlate(speckle(0.3, 0))
+        again = knothe.Displacements(**{**vars(moved), "u": moved.u.copy()})
+        missing = knothe.Displacements(**{**vars(moved), "u": moved.u * np.nan})
+        pairs = [(lambda: knothe.Axis([1.0, 2.0]), knothe.Axis([1.0, 3.0])),
+                 (lambda: knothe.Precision(np.eye(2)), knothe.Precision(np.eye(3))),
+                 (lambda: knothe.Verdict.of(verdict), knothe.Verdict.of({**verdict, "edge_mass": [0.0, 0.2]})),
+                 (lambda: knothe.Forecast.of(forecast), knothe.Forecast.of({**forecast, "values": [0.8, 1.3]})),
+                 (lambda: again, missing), (lambda: missing, moved), (lambda: knothe.Normal(0, 1), knothe.Uniform(0, 1))]
+        for make, other in pairs:
+            self.assertTrue(make() == make() and not make() != make(), make())
+            self.assertTrue(make() != other and make() != 3, other)
+        self.assertEqual(moved, again)
+
+    def test_copies_of_each_class_are_good_and_their_own(self):
+        """By copy, deepcopy and pickle: the same results to the bit."""
+        model = knothe.Model.load("model.h5")
+        seen = model.observe(knothe.Sensors(model.points[:3], "y"))
+        found = knothe.fit(ridge, 2, gradient=ridge_gradient)
+        joint = knothe.fit_samples(np.random.default_rng(1).standard_normal((500, 2)))
+        inferred = knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0)
+        correlation, moved = knothe.Correlation(speckle(0, 0), element_size=24), speckle(0.4, 0.1)
+        reference = np.array([[0.3, -0.2]])
+        plain = knothe.Datum(2, [1.0, np.nan], std=[0.1, 0.3], source="s", session="t", seq=7)
+        correlated = knothe.Datum(2, [1.0, 2.0], precision=np.array([[4.0, 1.0], [1.0, 3.0]]))
+        cases = [(model, lambda m: (m.parameters, m([0.9, 1.1], 3))), (seen, lambda s: s.jacobian([0.9, 1.1], 3)),
+                 (found, lambda f: (f.mean, f.map(reference), f.trusted)), (joint, lambda m: (m.condition([0.3], 5), m.trusted)),
+                 (inferred, lambda r: (r.chains, r.remark)),
+                 (plain, lambda d: (d.step, d.values, d.std, d._native.source, d._native.session, d._native.seq)),
+                 (correlated, lambda d: (d.values, d.std, d._native.precision())), (knothe.Sensors(model.points, "y"), lambda s: s.points)]
+        os.makedirs("elsewhere")
+        for original, says in cases:
+            for way in (copy.copy, copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each))):
+                with self.subTest(type(original).__name__):
+                    self.addCleanup(os.chdir, os.getcwd())
+                    os.chdir("elsewhere")  # a file is found from there too
+                    other = way(original)
+                    os.chdir("..")
+                    self.assertIs(type(other), type(original))
+                    self.assertTrue(_values._same(says(other), says(original)))
+        first = correlation.correlate(moved)
+        again = pickle.loads(pickle.dumps(correlation))
+        self.refused(knothe.UsageError, "correlate a picture first", call=lambda: again.at([[48.0, 48.0]]))
+        self.assertEqual(again.correlate(moved), first)
+        values = np.array([1.0, 2.0])
+        datum = knothe.Datum(0, values)
+        values[:] = 5
+        self.assertEqual(pickle.loads(pickle.dumps(datum)).values.tolist(), [1.0, 2.0])
+
+    def test_a_generator_is_a_seed(self):
+        """Equal generators give equal results, and each call another one."""
+        samples = np.random.default_rng(1).standard_normal((300, 1))
+        joint = knothe.fit_samples(samples, seed=np.random.default_rng(2))
+        one, other = np.random.default_rng(5), np.random.default_rng(5)
+        first = joint.sample(4, seed=one)
+        np.testing.assert_array_equal(first, joint.sample(4, seed=other))
+        self.assertFalse(np.any(first == joint.sample(4, seed=one)))
+        np.testing.assert_array_equal(first, joint.sample(4, seed=int(np.random.default_rng(5).integers(2**63))))
+        self.assertEqual(joint.condition([], 3, seed=one).shape, (3, 1))
+        self.assertTrue(knothe.fit(ridge, 2, gradient=ridge_gradient, seed=one).trusted)
+        chains = [knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0, seed=np.random.default_rng(seed)).chains
+                  for seed in (3, 3, 4)]
+        np.testing.assert_array_equal(chains[0], chains[1])
+        self.assertFalse(np.array_equal(chains[0], chains[2]))
+        self.refused(knothe.UsageError, "1.5 as seed: give an integer ≥ 0", call=lambda: joint.sample(3, seed=1.5))
+
+    def test_an_untrusted_result_warns_once(self):
+        """At the caller's line; a trusted one says nothing."""
+        def two_modes(p):
+            return float(np.logaddexp(-0.5 * ((p[0] - 4) / 0.3) ** 2, -0.5 * ((p[0] + 4) / 0.3) ** 2))
+
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            found = knothe.fit(two_modes, 1, max_order=2)
+            repr(found), found.mean, found.draws(10)
+        self.assertFalse(found.trusted)
+        self.assertEqual([(w.category, w.filename) for w in said], [(knothe.UntrustedWarning, __file__)])
+        self.assertEqual(str(said[0].message), f"not trusted: {found.remark}")
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            found.map.save("two.h5")
+            knothe.TransportMap.load("two.h5")
+            knothe.fit(ridge, 2, gradient=ridge_gradient)
+        self.assertEqual([w.category for w in said], [knothe.UntrustedWarning])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", knothe.UntrustedWarning)
+            self.refused(knothe.UntrustedWarning, "not trusted", call=lambda: knothe.fit(two_modes, 1, max_order=2))
+
     def test_figures_need_no_import_of_their_own(self):
         done = subprocess.run([sys.executable, "-c", "import knothe, sys; assert 'matplotlib' not in sys.modules; knothe.plot.fan; knothe.plott"],
                               capture_output=True, text=True, env=os.environ)
@@ -155,7 +300,12 @@ class Test(CaseInItsFolder):
         statuses = {name: getattr(knothe, name).status for name in
                     ("Error", "UsageError", "ProjectError", "DataError", "IoError", "NumericalError", "Interrupted")}
         self.assertEqual(list(statuses.values()), [1, 2, 3, 4, 5, 6, 130])
-        self.assertTrue(issubclass(knothe.UsageError, ValueError) and issubclass(knothe.IoError, OSError))
+        for error, kinds in ((knothe.UsageError, [ValueError]), (knothe.IoError, [OSError]), (knothe.DataError, [ValueError, OSError]),
+                             (knothe.ProjectError, [ValueError, OSError])):
+            self.assertTrue(all(issubclass(error, kind) for kind in kinds), error)
+        self.refused(OSError, "nowhere.h5", call=lambda: knothe.Model.load("nowhere.h5"))
+        self.refused(OSError, "nowhere.toml", call=lambda: knothe.Twin("nowhere.toml"))
+        self.refused(ValueError, "coordinate 0 is nan", call=lambda: knothe.fit_samples([[1.0], [math.nan], [2.0]], folds=0))
         self.assertTrue(issubclass(knothe.Interrupted, KeyboardInterrupt) and not issubclass(knothe.Interrupted, Exception))
 
     def test_an_error_of_the_callers_function_comes_through(self):

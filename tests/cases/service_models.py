@@ -1,9 +1,11 @@
 """`knothe serve`: what the page and UM-Bridge clients ask of the model. Judged by the formula behind the model."""
+import json
 import math
 import unittest
 
 import analytic_model
 from service_support import ServiceCase
+from support import REPOSITORY
 
 
 class Test(ServiceCase):
@@ -76,6 +78,27 @@ class Test(ServiceCase):
                 self.assertIn(status, (200, 400, 404), (path, body))
                 if status == 404:
                     self.assertNotEqual(body["error"]["type"], "NotFound", path)
+
+    def test_lines_of_steps_keep_to_their_schema(self):
+        """That of `knothe check --schema`; the service adds a few keys to it."""
+        schema = json.loads((REPOSITORY / "docs/reference/lines.schema.json").read_text())["step"]
+        line = self.serve().get("/v1/openapi.json")[1]["components"]["schemas"]["Line"]
+        added = {"site", "event", "data", "received_at"}
+        self.assertEqual({key: entry for key, entry in line["properties"].items() if key not in added}, schema["properties"])
+        self.assertEqual([key for key in line["required"] if key not in added], schema["required"])
+        lines = self.expect(0, "assimilate", self.project_name, "--json").lines()[:-1]
+        kinds = {"object": dict, "array": list, "string": str, "number": (int, float), "integer": int, "boolean": bool}
+        for each in lines:
+            self.assertLessEqual(set(schema["required"]), set(each))
+            for key in set(each) & set(schema["properties"]):
+                self.assertIsInstance(each[key], kinds[schema["properties"][key]["type"]], key)
+        with self.subTest("by a validator of its own"):
+            try:
+                import jsonschema
+            except ImportError as missing:
+                self.skipTest(f"no {missing.name}")
+            for each in lines:
+                jsonschema.validate(each, schema)
 
     def test_it_is_a_umbridge_server(self):
         service = self.serve()
