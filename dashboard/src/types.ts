@@ -1,4 +1,5 @@
 /** What the service sends: docs/reference/formats.md and docs/reference/dashboard.md. All numbers are SI. */
+import type { StepFields } from "./step_fields";
 
 export interface Forecast {
   mean: number;
@@ -12,24 +13,26 @@ export interface Forecast {
   units?: string;
 }
 
-/** One assimilated step. `quantiles.values` is parameter × level. */
-export interface StepLine {
-  step: number;
-  time: number;
-  mean: number[];
-  covariance: number[][];
-  maximum_a_posteriori: number[];
+type Shown =
+  | "step"
+  | "time"
+  | "mean"
+  | "covariance"
+  | "maximum_a_posteriori"
+  | "map_order"
+  | "variance_diagnostic"
+  | "ess"
+  | "trusted"
+  | "log_evidence"
+  | "log_evidence_increment"
+  | "bias_correction"
+  | "used"
+  | "rejected"
+  | "missing";
+
+/** One assimilated step, what the page shows of it. `quantiles.values` is parameter × level. */
+export interface StepLine extends Pick<StepFields, Shown> {
   quantiles: { levels: number[]; values: number[][] };
-  map_order: number;
-  variance_diagnostic: number;
-  ess: number;
-  trusted: boolean;
-  log_evidence: number;
-  log_evidence_increment: number;
-  bias_correction: string;
-  used: number;
-  rejected: number;
-  missing: number;
   elapsed_us: Record<string, number>;
   forecast: Record<string, Forecast>;
   /** Why the step is not trusted. */

@@ -17,6 +17,8 @@ from knothe._values import Array, Prior, Seed, count_of, counted, noise_values, 
 if TYPE_CHECKING:
     import xarray
 
+    from knothe._records import InferenceRecord
+
 
 class InferenceResult(Posterior):
     """The result of `infer`: a `Posterior` with further attributes.
@@ -37,6 +39,8 @@ class InferenceResult(Posterior):
     >>> found.mean.round(3), found.chains.shape
     (array([0.5]), (1, 10000, 1))
     """
+
+    record: InferenceRecord
 
     def __init__(self, found: dict[str, Any]) -> None:
         record = json.loads(found["json"])

@@ -194,7 +194,9 @@ class Posterior:
     (['E', 'F'], (2,), (2, 2))
     """
 
-    def __init__(self, record: dict[str, Any], parameters: Sequence[str], points: Array, weights: Array,
+    record: Mapping[str, Any]
+
+    def __init__(self, record: Mapping[str, Any], parameters: Sequence[str], points: Array, weights: Array,
                  densities: Sequence[tuple[float, float, Array, Array]] = (),
                  labels: Mapping[str, Mapping[str, Any]] | None = None) -> None:
         self.record, self.parameters, self.points, self.weights = record, list(parameters), points, weights

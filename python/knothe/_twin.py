@@ -24,6 +24,8 @@ from knothe._values import (Array, OfNative, Prior, Seed, Sensors, counted, meas
 if TYPE_CHECKING:
     import xarray
 
+    from knothe._records import StepRecord
+
 
 class Datum(OfNative):
     """The measurements of all sensors at one time.
@@ -146,6 +148,8 @@ class StepResult(OfNative, Posterior):
     >>> result.step, result.trusted, result.verdict.level
     (4, True, 'ok')
     """
+
+    record: StepRecord
 
     def __init__(self, native: _knothe.Result, parameters: list[str]) -> None:
         super().__init__(json.loads(native.json()), parameters, native.points(), native.weights(), native.densities(),
