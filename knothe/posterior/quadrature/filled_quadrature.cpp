@@ -21,6 +21,7 @@ using numerics::GridRun;
 constexpr double k_first_spacing = 1;
 constexpr Index k_segment = 8;     ///< nodes along a row that are evaluated together where that is cheap
 constexpr Index k_scan_every = 4;  ///< lines of the grid between those that are looked at for modes not found
+constexpr Index k_max_scan = 100;  ///< of these lines, where modes are far apart for their width
 constexpr Index k_max_places = 1 << 26;  ///< segments that a window may have
 constexpr int k_max_growths = 60, k_max_refinements = 12;
 constexpr double k_line_change = 0.03;   ///< of `Marginals::line_change`
@@ -392,7 +393,8 @@ QuadraturePosterior filled_quadrature(LogDensity& target, const QuadratureOption
   const Frame& frame = density.frame();
   Eigen::Vector3d first = frame.first, last = frame.last, spacing = frame.spacing;
   std::vector<Eigen::Vector3d> seeds = frame.modes;
-  std::ranges::move(scan(density, Grid(first, last, k_scan_every * spacing)), std::back_inserter(seeds));
+  const Eigen::Vector3d coarse = (k_scan_every * spacing).cwiseMax((last - first) / k_max_scan);
+  std::ranges::move(scan(density, Grid(first, last, coarse)), std::back_inserter(seeds));
   QuadraturePosterior result;
   result.evidence_change = std::numeric_limits<double>::infinity();
   for (int growths = 0, refinements = 0;;) {
