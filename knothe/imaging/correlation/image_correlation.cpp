@@ -21,8 +21,8 @@ namespace {
 
 constexpr double k_coarsest = 64;        // px: size of the region in the smallest picture, at most twice that
 constexpr double k_coarse_element = 16;  // px of the coarse picture, at least
-constexpr double k_far = 0.6;       // of the contrast, as residual: a start is out of reach …
-constexpr double k_doubtful = 0.35;  // … or one that was searched may be wrong
+constexpr double k_far = 0.6;            // of the contrast, as residual: a start is out of reach …
+constexpr double k_doubtful = 0.35;      // … or one that was searched may be wrong
 constexpr double k_same_start = 0.1;     // px: starts nearer than that are as good as each other
 constexpr double k_per_octave = 2;       // of the squared noise, for which variances are found
 constexpr double k_coarse_smoothing = 3;  // cut-off wavelength of coarse stages, in elements

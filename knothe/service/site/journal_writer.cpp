@@ -336,9 +336,7 @@ void JournalWriter::commit_loop() {
     {
       pulse_->rest();
       std::unique_lock lock(mutex_);
-      requests_there_.wait_for(lock, k_idle, [&] {
-        return !requests_.empty() || stopping_ || has_aside();
-      });
+      requests_there_.wait_for(lock, k_idle, [&] { return !requests_.empty() || stopping_ || has_aside(); });
       if (requests_.empty() && alarms_.empty() && stopping_) return;
       if (requests_.empty() && stopping_ && !trouble_.empty()) return;
       while (!requests_.empty() && group.size() < k_largest_group) {
