@@ -89,11 +89,11 @@ class CorrelationStage {
   /// One step of Gauss and Newton; `last` is the one before (empty: none), `lengthening` what steps are
   /// multiplied by.
   double step(CorrelationResult& result, Eigen::VectorXd& last, double& lengthening);
-  /// Of a matrix with the pattern that the solver has analysed.
   /// Nodal vectors of the reference's coordinates in those of the moved body, F w.
   [[nodiscard]] Eigen::VectorXd carried(const Eigen::VectorXd& nodal) const;
   /// R (u − that of the large motion), its derivative by a step in the reference's coordinates.
   [[nodiscard]] Eigen::VectorXd penalty_slope(const Eigen::VectorXd& displacement) const;
+  /// Of a matrix with the pattern that the solver has analysed.
   static void factorise_or_shift(Eigen::SparseMatrix<double>& matrix, Solver& solver);
   /// At most `most` steps.
   void iterate(const SplineImage& deformed, CorrelationResult& result, int most);
