@@ -189,8 +189,7 @@ class MotionSearch {
         options_(options),
         meshes_(coarse_meshes(fine.mesh(), reference.width, reference.height)),
         top_(meshes_.empty() ? 0 : meshes_.front().level),
-        mask_(mesh_mask(fine.pixels(), fine.reference())),
-        before_(picture_pyramid(reference, mask_, top_)),
+        before_(picture_pyramid(reference, mesh_mask(fine.pixels(), fine.reference()), top_)),
         after_(picture_pyramid(picture, {}, top_)) {}
 
   /// From coarse to fine pictures, beginning with `motion`, or where there is none with the best shift of the
@@ -205,7 +204,6 @@ class MotionSearch {
   const CorrelationOptions& options_;
   std::vector<CoarseMesh> meshes_;
   int top_;
-  files::Picture mask_;
   std::vector<PyramidLevel> before_, after_;
 };
 
@@ -248,7 +246,8 @@ std::optional<AffineMotion> MotionSearch::matched() const {
   const double size = std::sqrt(bounds.width() * bounds.height());
   const int level = std::clamp<int>(std::ceil(std::log2(size / k_matched_size)), 0, top_);
   const auto motion = level > 0 ? matched_motion(before_[level], after_[level].picture, options_.threads)
-                                : matched_motion({reference_, mask_}, picture_, options_.threads);
+                                : matched_motion({reference_, mesh_mask(fine_.pixels(), fine_.reference())},
+                                                 picture_, options_.threads);
   if (!motion) return std::nullopt;
   return at_level(*motion, level, 0);
 }
