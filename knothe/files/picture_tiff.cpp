@@ -129,8 +129,7 @@ Picture picture_formats::read_tiff(const std::string& path, std::size_t file_byt
   for (std::uint32_t y = 0; y < height; ++y) {
     for (std::uint16_t plane = 0; plane < (apart ? samples : 1); ++plane)
       if (TIFFReadScanline(tiff.get(), row.data() + plane * row_bytes, y, plane) != 1)
-        fail(path,
-             fmt::format("row {} cannot be read: the file is truncated or damaged ({})", y, reason()));
+        fail(path, fmt::format("row {} cannot be read: the file is truncated or damaged ({})", y, reason()));
     float* out = picture.pixels.data() + picture.index(0, y);
     const auto sample = [&](std::size_t x, std::size_t s) {
       const std::size_t k = apart ? x : samples * x + s;

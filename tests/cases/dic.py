@@ -108,6 +108,22 @@ class Test(Case):
         self.expect(0, "dic", "reference.pgm", "dark.pgm", "--element-size", 15, "--roi", ROI, "--at", "points.csv", "-o", "u.csv")
         self.expect_motion("u.csv", stretch, rms=0.02, bias=0.005)
 
+    def test_a_large_rotation_is_found_without_a_start(self):
+        angle = math.radians(15)
+
+        def turn(x, y):
+            dx, dy = x - 80, y - 60
+            return 9 + (math.cos(angle) - 1) * dx - math.sin(angle) * dy, -5 + math.sin(angle) * dx + (math.cos(angle) - 1) * dy
+        self.draw("reference")
+        write_pgm(self.folder / "turned.pgm", Speckle().picture(turn, noise=1, seed=5))
+        self.write_points()
+        line, = self.expect(0, "dic", "reference.pgm", "turned.pgm", "--element-size", 15, "--roi", "30,25,130,95", "--at",
+                            "points.csv", "-o", "u.csv", "--json").lines()
+        self.assertIs(line["converged"], True)
+        errors = [math.hypot(u - turn(x, y)[0], v - turn(x, y)[1]) for x, y, u, v, inside in self.table("u.csv") if inside == 1]
+        self.assertGreater(len(errors), 20)
+        self.assertLess(math.sqrt(sum(e * e for e in errors) / len(errors)), 0.03)
+
     def test_corners_of_the_region_may_come_in_any_order(self):
         self.draw("reference", "a")
         first, second = [self.expect(0, "dic", "reference.pgm", "a.pgm", "--element-size", 15, "--roi", roi, "--json").lines()[0]

@@ -9,7 +9,9 @@ namespace knothe::imaging {
 
 /// With x = a X + b on either level, a X' + b = F (a X + b) + t.
 AffineMotion at_level(const AffineMotion& motion, int from, int to) {
-  const auto origin = [](int level) -> Eigen::Vector2d { return Eigen::Vector2d::Constant(from_level(0, level)); };
+  const auto origin = [](int level) -> Eigen::Vector2d {
+    return Eigen::Vector2d::Constant(from_level(0, level));
+  };
   const Eigen::Vector2d full = origin(from) + std::exp2(from) * motion.shift - motion.gradient * origin(from);
   return {motion.gradient, (motion.gradient * origin(to) + full - origin(to)) / std::exp2(to)};
 }

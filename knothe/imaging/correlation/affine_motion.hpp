@@ -1,5 +1,6 @@
 #pragma once
-/// @file A motion x ↦ F x + t: the large part of one, about which a correlation is small. Private to the room.
+/// @file A motion x ↦ F x + t: the large part of one, about which a correlation is small. Private to the
+/// room.
 #include <Eigen/Core>
 
 #include "knothe/imaging/mesh/image_mesh.hpp"

@@ -20,11 +20,11 @@ namespace {
 constexpr int k_rejection_rounds = 8;
 constexpr int k_plain_steps = 4;  // without regularisation, from what was found with it
 constexpr double k_share_of_worst =
-    0.8;                       // of the residual of the worst neighbour, to be taken out in the same round
+    0.8;                          // of the residual of the worst neighbour, to be taken out in the same round
 constexpr double k_large = 0.05;  // of a mean displacement gradient: about 3°
-constexpr double k_spot = 0.1;       // of an element's pixels, at most: a grain of dust, a reflection …
+constexpr double k_spot = 0.1;    // of an element's pixels, at most: a grain of dust, a reflection …
 constexpr double k_beside_spot = 2;  // … where the rest has no more than so many times the usual residual
-constexpr int k_readmissions = 3;        // each may bring one more row of elements back
+constexpr int k_readmissions = 3;    // each may bring one more row of elements back
 constexpr double k_max_restless = 0.05;  // of the nodes: more is a picture that does not converge …
 constexpr double k_restless_rows = 2;  // … if they are also more than so many rows from side to side: a crack
 
@@ -188,8 +188,8 @@ double CorrelationStage::usual_residual(const CorrelationResult& result,
 /// explains the others.
 bool CorrelationStage::is_a_spot(const SplineImage& deformed, const CorrelationResult& result, std::size_t e,
                                  double usual) const {
-  std::vector<float> squares = element_residuals(pixels_, pixels_.elements()[e], reference_.view(), deformed,
-                                                 motion(e, result));
+  std::vector<float> squares =
+      element_residuals(pixels_, pixels_.elements()[e], reference_.view(), deformed, motion(e, result));
   for (float& r : squares) r *= r;
   const Index spot = std::ceil(k_spot * squares.size()), rest = std::ssize(squares) - spot;
   if (rest < 1) return false;
@@ -218,9 +218,8 @@ int CorrelationStage::reject(const SplineImage& deformed, CorrelationResult& res
     for (int a = 0; a < ImageMesh::nodes_of(mesh_.elements[e]); ++a)
       worst_neighbour = std::max(worst_neighbour, around[mesh_.elements[e][a]]);
     const bool unseen = sums_[e].count < k_min_pixel_share * pixels_.elements()[e].pixel_count;
-    const bool bad =
-        options_.reject_elements && rms[e] > limit && rms[e] > k_share_of_worst * worst_neighbour &&
-        !is_a_spot(deformed, result, e, usual);
+    const bool bad = options_.reject_elements && rms[e] > limit &&
+                     rms[e] > k_share_of_worst * worst_neighbour && !is_a_spot(deformed, result, e, usual);
     if (unseen || bad) result.element_valid[e] = 0;
   }
   if (restless && options_.reject_elements) reject_restless(result, rms);
@@ -333,7 +332,8 @@ bool CorrelationStage::correlate(const SplineImage& deformed, CorrelationResult&
     iterate(deformed, result, allowed);
     if (result.displacement.isZero(0)) break;  // diverged
     allowed -= result.iterations - before;
-    const bool rejected = round < k_rejection_rounds && reject(deformed, result, round > 0 && !result.converged) > 0;
+    const bool rejected =
+        round < k_rejection_rounds && reject(deformed, result, round > 0 && !result.converged) > 0;
     if (std::count(result.element_valid.begin(), result.element_valid.end(), 1) == 0) {
       result.message = "no element is left: the deformed picture does not show the surface of the reference";
       result.converged = false;

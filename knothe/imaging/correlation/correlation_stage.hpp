@@ -49,7 +49,8 @@ class CorrelationStage {
 
   /// Gauss–Newton from result.displacement, gain and offset on, with the elements that result.element_valid
   /// begins with (empty: all usable); rejects and readmits elements as the options say. Fills the result.
-  /// False, at once, where the start leaves a residual of more than `far` times the contrast (0: of anything).
+  /// False, at once, where the start leaves a residual of more than `far` times the contrast (0: of
+  /// anything).
   bool correlate(const SplineImage& deformed, CorrelationResult& result, double far = 0);
   /// The elements that the deformed picture shows at the displacement for which `misfit` was asked last.
   [[nodiscard]] std::vector<char> seen() const;
@@ -88,18 +89,18 @@ class CorrelationStage {
   /// One step of Gauss and Newton; `last` is the one before (empty: none), `lengthening` what steps are
   /// multiplied by.
   double step(CorrelationResult& result, Eigen::VectorXd& last, double& lengthening);
-  /// Of a matrix with the pattern that the solver has analysed.
   /// Nodal vectors of the reference's coordinates in those of the moved body, F w.
   [[nodiscard]] Eigen::VectorXd carried(const Eigen::VectorXd& nodal) const;
   /// R (u − that of the large motion), its derivative by a step in the reference's coordinates.
   [[nodiscard]] Eigen::VectorXd penalty_slope(const Eigen::VectorXd& displacement) const;
+  /// Of a matrix with the pattern that the solver has analysed.
   static void factorise_or_shift(Eigen::SparseMatrix<double>& matrix, Solver& solver);
   /// At most `most` steps.
   void iterate(const SplineImage& deformed, CorrelationResult& result, int most);
   void begin_again(const SplineImage& deformed, CorrelationResult& result);
   int reject(const SplineImage& deformed, CorrelationResult& result, bool restless) const;
-  [[nodiscard]] bool is_a_spot(const SplineImage& deformed, const CorrelationResult& result, std::size_t element,
-                               double usual) const;
+  [[nodiscard]] bool is_a_spot(const SplineImage& deformed, const CorrelationResult& result,
+                               std::size_t element, double usual) const;
   void reject_restless(CorrelationResult& result, const std::vector<double>& rms) const;
   int readmit(const SplineImage& deformed, CorrelationResult& result, std::vector<char>& tried);
   void extrapolate(CorrelationResult& result) const;
@@ -120,7 +121,7 @@ class CorrelationStage {
   std::vector<double> gradient_;
   std::vector<char> usable_;
   std::optional<AffineMotion> large_;  ///< what the motion begins with, where that is not small
-  double penalty_ = 0;  ///< weight of the regularisation, from its wavelength; 0: none
+  double penalty_ = 0;                 ///< weight of the regularisation, from its wavelength; 0: none
 
   Eigen::SparseMatrix<double> pattern_;      ///< of M with all elements; zeros
   std::vector<std::array<int, 16>> places_;  ///< entry (2a, 2b) of each element in its values, 4 a + b

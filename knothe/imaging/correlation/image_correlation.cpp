@@ -21,8 +21,8 @@ namespace {
 
 constexpr double k_coarsest = 64;        // px: size of the region in the smallest picture, at most twice that
 constexpr double k_coarse_element = 16;  // px of the coarse picture, at least
-constexpr double k_far = 0.6;       // of the contrast, as residual: a start is out of reach …
-constexpr double k_doubtful = 0.35;  // … or one that was searched may be wrong
+constexpr double k_far = 0.6;            // of the contrast, as residual: a start is out of reach …
+constexpr double k_doubtful = 0.35;      // … or one that was searched may be wrong
 constexpr double k_same_start = 0.1;     // px: starts nearer than that are as good as each other
 constexpr double k_per_octave = 2;       // of the squared noise, for which variances are found
 constexpr double k_coarse_smoothing = 3;  // cut-off wavelength of coarse stages, in elements
@@ -189,8 +189,7 @@ class MotionSearch {
         options_(options),
         meshes_(coarse_meshes(fine.mesh(), reference.width, reference.height)),
         top_(meshes_.empty() ? 0 : meshes_.front().level),
-        mask_(mesh_mask(fine.pixels(), fine.reference())),
-        before_(picture_pyramid(reference, mask_, top_)),
+        before_(picture_pyramid(reference, mesh_mask(fine.pixels(), fine.reference()), top_)),
         after_(picture_pyramid(picture, {}, top_)) {}
 
   /// From coarse to fine pictures, beginning with `motion`, or where there is none with the best shift of the
@@ -205,7 +204,6 @@ class MotionSearch {
   const CorrelationOptions& options_;
   std::vector<CoarseMesh> meshes_;
   int top_;
-  files::Picture mask_;
   std::vector<PyramidLevel> before_, after_;
 };
 
@@ -248,7 +246,8 @@ std::optional<AffineMotion> MotionSearch::matched() const {
   const double size = std::sqrt(bounds.width() * bounds.height());
   const int level = std::clamp<int>(std::ceil(std::log2(size / k_matched_size)), 0, top_);
   const auto motion = level > 0 ? matched_motion(before_[level], after_[level].picture, options_.threads)
-                                : matched_motion({reference_, mask_}, picture_, options_.threads);
+                                : matched_motion({reference_, mesh_mask(fine_.pixels(), fine_.reference())},
+                                                 picture_, options_.threads);
   if (!motion) return std::nullopt;
   return at_level(*motion, level, 0);
 }

@@ -20,13 +20,13 @@ constexpr int k_rings = 6, k_angles = 20;       // points that are read around a
 constexpr float k_ring_step = 2;                // px from ring to ring
 constexpr int k_reach = 13;                     // px from a feature to the last pixel that is read
 constexpr double k_features = 400;              // in the reference, and as many per area in the other picture
-constexpr Index k_most_features = 2400;
-constexpr Index k_least_pairs = 8;  // that must agree
+constexpr Index k_max_features = 2400;
+constexpr Index k_min_pairs = 8;  // that must agree
 constexpr int k_trials = 4000;
-constexpr double k_agrees = 3;       // px between a pair and a motion
-constexpr double k_least_area = 200;  // px² of the triangle of three features
-constexpr double k_least_change = 0.5, k_largest_change = 2;  // of an area
-constexpr double k_largest_shear = 0.5;                       // difference of the two stretches
+constexpr double k_agrees = 3;                                // px between a pair and a motion
+constexpr double k_min_area = 200;                          // px² of the triangle of three features
+constexpr double k_min_change = 0.5, k_max_change = 2;  // of an area
+constexpr double k_max_shear = 0.5;                       // difference of the two stretches
 
 struct Feature {
   int x, y;
@@ -109,9 +109,8 @@ void each_point_around(const files::Picture& picture, const Feature& f, const Di
 /// Where the first harmonic of the levels around a feature points to.
 Direction orientation(const files::Picture& picture, const Feature& feature) {
   float c = 0, s = 0;
-  each_point_around(picture, feature, {1, 0}, [&](float, const Direction& d, float level) {
-    c += level * d[0], s += level * d[1];
-  });
+  each_point_around(picture, feature, {1, 0},
+                    [&](float, const Direction& d, float level) { c += level * d[0], s += level * d[1]; });
   const float length = std::hypot(c, s);
   return length > 0 ? Direction{c / length, s / length} : Direction{1, 0};
 }
@@ -127,8 +126,9 @@ Described described(const files::Picture& picture, const files::Picture& mask, I
     auto look = made.look.col(k);
     Index i = 0;
     // A point stands for an area that grows with the radius.
-    each_point_around(fine, feature, orientation(fine, feature),
-                      [&](float radius, const Direction&, float level) { look[i++] = std::sqrt(radius) * level; });
+    each_point_around(
+        fine, feature, orientation(fine, feature),
+        [&](float radius, const Direction&, float level) { look[i++] = std::sqrt(radius) * level; });
     look.array() -= look.mean();
     look.normalize();
   }
@@ -159,12 +159,12 @@ std::optional<AffineMotion> motion_of(const Pair& a, const Pair& b, const Pair& 
   Eigen::Matrix2d from, to;
   from << b.from - a.from, c.from - a.from;
   to << b.to - a.to, c.to - a.to;
-  if (!(std::abs(from.determinant()) > 2 * k_least_area)) return std::nullopt;
+  if (!(std::abs(from.determinant()) > 2 * k_min_area)) return std::nullopt;
   AffineMotion motion;
   motion.gradient = to * from.inverse();
   // With the stretches s₁, s₂: det F = s₁ s₂ and |F|² = s₁² + s₂².
   const double area = motion.gradient.determinant(), shear = motion.gradient.squaredNorm() - 2 * area;
-  if (!(area > k_least_change && area < k_largest_change && shear < k_largest_shear * k_largest_shear))
+  if (!(area > k_min_change && area < k_max_change && shear < k_max_shear * k_max_shear))
     return std::nullopt;
   motion.shift = a.to - motion.gradient * a.from;
   return motion;
@@ -198,16 +198,16 @@ class Drawing {
 std::optional<AffineMotion> matched_motion(const PyramidLevel& reference, const files::Picture& deformed,
                                            int threads) {
   const double pixels = deformed.pixels.size(),
-               seen = reference.mask.pixels.empty()
-                          ? pixels
-                          : pixels - std::count(reference.mask.pixels.begin(), reference.mask.pixels.end(), 0.0F);
+               seen = reference.mask.pixels.empty() ? pixels
+                                                    : pixels - std::count(reference.mask.pixels.begin(),
+                                                                          reference.mask.pixels.end(), 0.0F);
   if (!(seen > 0)) return std::nullopt;
-  const Index in_both = std::min(1.0 * k_most_features, k_features * pixels / seen);
+  const Index in_both = std::min(1.0 * k_max_features, k_features * pixels / seen);
   const Described f = described(reference.picture, reference.mask, k_features, threads),
                   g = described(deformed, {}, in_both, threads);
-  if (std::min(std::ssize(f.features), std::ssize(g.features)) < k_least_pairs) return std::nullopt;
+  if (std::min(std::ssize(f.features), std::ssize(g.features)) < k_min_pairs) return std::nullopt;
   const std::vector<Pair> pairs = pairs_of(f, g);
-  if (std::ssize(pairs) < k_least_pairs) return std::nullopt;
+  if (std::ssize(pairs) < k_min_pairs) return std::nullopt;
   AffineMotion best;
   Index most = 0;
   Drawing draw(pairs.size());
@@ -219,7 +219,7 @@ std::optional<AffineMotion> matched_motion(const PyramidLevel& reference, const 
         std::count_if(pairs.begin(), pairs.end(), [&](const Pair& pair) { return agrees(*motion, pair); });
     if (agreeing > most) most = agreeing, best = *motion;
   }
-  if (most < k_least_pairs) return std::nullopt;
+  if (most < k_min_pairs) return std::nullopt;
   for (int round = 0; round < 3; ++round) best = refitted(best, pairs);
   return best;
 }

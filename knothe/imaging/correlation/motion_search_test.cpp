@@ -56,8 +56,8 @@ double overlap(const AffineMotion& motion) {
   return seen / 400.0;
 }
 
-/// Any shift that leaves half of the region in view, after a rotation of up to `degrees` and stretches of up to
-/// `stretch` in any two directions at right angles.
+/// Any shift that leaves half of the region in view, after a rotation of up to `degrees` and stretches of up
+/// to `stretch` in any two directions at right angles.
 AffineMotion drawn_motion(std::mt19937_64& generator, double degrees, double stretch) {
   std::uniform_real_distribution<double> one(-1, 1);
   const Eigen::Matrix2d axes = turned(180 * one(generator));
@@ -65,15 +65,14 @@ AffineMotion drawn_motion(std::mt19937_64& generator, double degrees, double str
   const Eigen::Matrix2d gradient =
       turned(degrees * one(generator)) * axes * stretches.asDiagonal() * axes.transpose();
   for (;;) {
-    const AffineMotion motion =
-        about_middle(gradient, {k_width * one(generator), k_height * one(generator)});
+    const AffineMotion motion = about_middle(gradient, {k_width * one(generator), k_height * one(generator)});
     if (overlap(motion) >= 0.5) return motion;
   }
 }
 
 struct Outcome {
   bool converged;
-  double rms = 0;            ///< px, over the measured nodes
+  double rms = 0;             ///< px, over the measured nodes
   double seen = 0, used = 0;  ///< elements that are in the picture, and those of them that were measured
 };
 Outcome outcome_of(const ImageCorrelation& correlation, const CorrelationResult& result,
@@ -115,17 +114,17 @@ void expect_found(unsigned first_seed, int count, double degrees, double stretch
     wrong += o.converged && o.rms > 0.2 ? 1 : 0;
     incomplete += o.converged && o.used < 0.9 * o.seen ? 1 : 0;
     if (!o.converged || o.rms > 0.2 || o.used < 0.9 * o.seen)
-      ADD_FAILURE() << fmt::format("{}: overlap {:.2f}, F {:.3f} {:.3f} {:.3f} {:.3f}, rms {:.3f} px, {} of {} elements, "
-                                   "residual {:.1f}, {} iterations; {}",
-                                   first_seed + static_cast<unsigned>(k), overlap(motion), motion.gradient(0, 0),
-                                   motion.gradient(0, 1), motion.gradient(1, 0), motion.gradient(1, 1), o.rms,
-                                   o.used, o.seen, result.residual_rms, result.iterations, result.message);
+      ADD_FAILURE() << fmt::format(
+          "{}: overlap {:.2f}, F {:.3f} {:.3f} {:.3f} {:.3f}, rms {:.3f} px, {} of {} elements, "
+          "residual {:.1f}, {} iterations; {}",
+          first_seed + static_cast<unsigned>(k), overlap(motion), motion.gradient(0, 0),
+          motion.gradient(0, 1), motion.gradient(1, 0), motion.gradient(1, 1), o.rms, o.used, o.seen,
+          result.residual_rms, result.iterations, result.message);
   }
   EXPECT_EQ(lost, 0) << "of " << count;
   EXPECT_EQ(wrong, 0) << "of " << count;
   EXPECT_EQ(incomplete, 0) << "of " << count;
 }
-
 
 TEST(LargeMotion, RigidOnesAreFoundWhereHalfTheRegionIsInView) {
   expect_found(1000, test::by_form(8, 400), 20, 0);
@@ -142,8 +141,8 @@ TEST(LargeMotion, ATurningSeriesIsFollowedPictureByPicture) {
   Eigen::VectorXd start;
   for (int k = 1; k <= 6; ++k) {
     const AffineMotion motion = about_middle(turned(30.0 * k), {3.0 * k, -2.0 * k});
-    const auto result =
-        correlation.correlate(pattern().render(field_of(motion), {.noise = 2, .seed = static_cast<unsigned>(k)}), start);
+    const auto result = correlation.correlate(
+        pattern().render(field_of(motion), {.noise = 2, .seed = static_cast<unsigned>(k)}), start);
     ASSERT_TRUE(result.converged) << k << ": " << result.message;
     EXPECT_LT(outcome_of(correlation, result, motion).rms, 0.05) << k;
     start = result.displacement;
@@ -173,7 +172,7 @@ TEST(AffineMotion, IsTheSameMotionAtEveryLevelAndTheFitOfItsOwnDisplacements) {
   for (const int level : {1, 3}) {
     const AffineMotion coarse = at_level(motion, 0, level);
     const Eigen::Vector2d x(40, 90), moved = motion.moved(x),
-        of_level = coarse.moved({to_level(x[0], level), to_level(x[1], level)});
+                                     of_level = coarse.moved({to_level(x[0], level), to_level(x[1], level)});
     EXPECT_NEAR(from_level(of_level[0], level), moved[0], 1e-10);
     EXPECT_NEAR(from_level(of_level[1], level), moved[1], 1e-10);
     EXPECT_LT((at_level(coarse, level, 0).shift - motion.shift).norm(), 1e-10);

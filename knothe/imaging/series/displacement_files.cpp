@@ -138,8 +138,7 @@ void write_elements(files::Hdf5Writer& file, const std::vector<PictureResult>& r
       valid.push_back(r.correlation.element_valid[e]), residual.push_back(r.correlation.element_residual[e]);
   const files::Shape shape{results.size(), cells.element.size()};
   file.write_integers("/elements/valid", valid, shape, {"1", "1 where an element was measured"});
-  file.write("/elements/residual", residual, shape,
-             {"grey levels", "root mean square residual"});
+  file.write("/elements/residual", residual, shape, {"grey levels", "root mean square residual"});
 }
 
 /// A crack of each picture: what belongs to the tip in one row per picture, the paths each by itself.
