@@ -35,7 +35,7 @@ constexpr double k_early = 3, k_more_draws = 1.5, k_far_from_end = 10;
 constexpr int k_first_batches = 4;
 /// Walks from draws of the flattened target: in few dimensions fits to such draws miss no mode.
 Eigen::Index flat_walks(Eigen::Index d) {
-  return std::min<Eigen::Index>(4, d / 2);
+  return std::clamp<Eigen::Index>(d / 2, 1, 4);
 }
 /// Points that a fit looks at, and those that dependence of coordinates is judged by.
 constexpr Eigen::Index k_fit_points = 2048, k_group_points = 1024;
