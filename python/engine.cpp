@@ -190,7 +190,8 @@ likelihood::Datum datum_of(std::size_t step, const Doubles& values, const Double
 /// Of noise of its own that is correlated; else none.
 std::optional<py::tuple> precision_of(const likelihood::Datum& datum) {
   if (!datum.noise || datum.noise->is_independent()) return std::nullopt;
-  const Eigen::SparseMatrix<double> columns = datum.noise->precision();  // of a symmetric matrix also the rows
+  const Eigen::SparseMatrix<double> columns =
+      datum.noise->precision();  // of a symmetric matrix also the rows
   const auto entries = columns.nonZeros();
   const int *inner = columns.innerIndexPtr(), *outer = columns.outerIndexPtr();
   return py::make_tuple(array_of(std::vector<double>(columns.valuePtr(), columns.valuePtr() + entries)),
@@ -208,10 +209,11 @@ void bind_data(py::module_& module) {
       .def_property_readonly("source", [](const Datum& datum) { return datum.key.source; })
       .def_property_readonly("session", [](const Datum& datum) { return datum.key.session; })
       .def_property_readonly("seq", [](const Datum& datum) { return datum.key.seq; })
-      .def_property_readonly("std", [](const Datum& datum) -> py::object {
-        if (!datum.noise) return py::none();
-        return array_of(plain(datum.noise->standard_deviations()));
-      })
+      .def_property_readonly("std",
+                             [](const Datum& datum) -> py::object {
+                               if (!datum.noise) return py::none();
+                               return array_of(plain(datum.noise->standard_deviations()));
+                             })
       .def("precision", &precision_of);
 }
 

@@ -28,6 +28,7 @@ std::size_t size_of(const NetcdfValues& values) {
 
 NetcdfWriter::NetcdfWriter(const std::string& path) : file_(path), path_(path) {
   file_.text_attribute("/", "_NCProperties", fmt::format("version=2,hdf5=1.10,knothe={}", k_version));
+  file_.text_attribute("/", "Conventions", "CF-1.8");
 }
 
 void NetcdfWriter::ensure_group(const std::string& group) {

@@ -100,6 +100,7 @@ void write_samples(const std::string& path, const project::Project& project,
     out.add_dimension("history", "step", std::vector<std::int64_t>{0}, {"", "step"});
     add_statistics("history", r, out);
     add_creator({"posterior"}, out);
+    out.add_attribute("", "title", "Bayesian inference: posterior of the parameters");
     out.add_attribute("", "created_by", k_created_by);
     out.add_attribute("", "method", assimilation::to_text(r.method));
     out.add_attribute("", "seed", std::to_string(project.method.seed));

@@ -68,6 +68,7 @@ void add_chains(const std::string& group, Eigen::Index chains, Eigen::Index draw
 
 void add_creator(std::initializer_list<const char*> groups, files::NetcdfWriter& out) {
   const std::string now = utc_text(std::chrono::system_clock::now());
+  out.add_attribute("", "history", fmt::format("{} {}", now, k_created_by));
   for (const char* group : groups) {
     out.add_attribute(group, "inference_library", "knothe");
     out.add_attribute(group, "inference_library_version", k_version);

@@ -486,6 +486,7 @@ void write_posterior_file(const std::string& path, const PosteriorFile& file) {
     writer.write_forecasts();
     writer.write_weighted_points();
     writer.describe_groups();
+    out.add_attribute("", "title", "Bayesian assimilation: posterior of the parameters, forecasts, verdict");
     out.add_attribute("", "created_by", k_created_by);
     out.add_attribute("", "project", file.project);
     out.add_attribute("", "seed", std::to_string(file.seed));

@@ -68,6 +68,11 @@ class Test(Case):
 
     def test_groups_say_what_they_are(self):
         self.assimilate()
+        whole = xarray.open_dataset(self.folder / "results" / "posterior.nc", engine="h5netcdf")
+        self.assertEqual(whole.attrs["Conventions"], "CF-1.8")
+        self.assertIn("posterior", whole.attrs["title"])
+        self.assertRegex(whole.attrs["history"], r"^\d{4}-\d\d-\d\dT\d\d:\d\d:[\d.]+Z knothe \d+\.\d+")
+        self.assertEqual({self.group(name).time.attrs["units"] for name in ("observed_data", "log_likelihood", "posterior_predictive")}, {"1"})
         self.assertIn("the posterior of all data", self.group("posterior").attrs["description"])
         for name in ("history", "posterior_predictive", "log_likelihood", "observed_data", "sample_stats", "weighted_posterior", "last_posterior"):
             self.assertTrue(self.group(name).attrs["description"], name)
