@@ -66,13 +66,15 @@ Eigen::MatrixXd lower_factor(const Eigen::MatrixXd& vectors, const Eigen::Vector
 
 }  // namespace
 
-/// Along column a of `axes` a step of spread[a] is to lower log π̄ by about ½.
+/// Along column a of `axes` a step of spread[a] is to lower log π̄ by about ½; by more, where the value is so
+/// large that rounding hides that.
 void fit_spreads(CheckedDensity& target, const Eigen::VectorXd& point, double value,
                  const Eigen::MatrixXd& axes, Eigen::VectorXd& spread) {
   const Eigen::Index count = axes.cols();
   // Too short, too long: where both are known the spread lies between them.
   Eigen::VectorXd low = Eigen::VectorXd::Zero(count);
   Eigen::VectorXd high = Eigen::VectorXd::Constant(count, std::numeric_limits<double>::infinity());
+  const double unit = std::max(1.0, 16 * k_epsilon * std::abs(value));
   Eigen::MatrixXd sides(2 * count, point.size());
   LogDensityBatch batch;
   for (int round = 0; round < 60; ++round) {
@@ -86,10 +88,10 @@ void fit_spreads(CheckedDensity& target, const Eigen::VectorXd& point, double va
       // At a bound the density is zero on one side; the other one tells how wide it is.
       const double up = value - batch.value[2 * a], down = value - batch.value[2 * a + 1];
       const double drop = std::isfinite(up + down) ? 0.5 * (up + down) : std::min(up, down);
-      if ((drop > 0.1 && drop < 4) || high[a] < 1.3 * low[a]) continue;
+      if ((drop > 0.1 * unit && drop < 4 * unit) || high[a] < 1.3 * low[a]) continue;
       fits = false;
-      (drop > 0.1 ? high[a] : low[a]) = spread[a];
-      const double next = spread[a] * (drop > 0 ? std::clamp(std::sqrt(0.5 / drop), 0.1, 4.0) : 4.0);
+      (drop > 0.1 * unit ? high[a] : low[a]) = spread[a];
+      const double next = spread[a] * (drop > 0 ? std::clamp(std::sqrt(0.5 * unit / drop), 0.1, 4.0) : 4.0);
       const bool outside = low[a] > 0 && std::isfinite(high[a]) && !(next > low[a] && next < high[a]);
       spread[a] = std::clamp(outside ? std::sqrt(low[a] * high[a]) : next, 1e-12, 1e12);
     }
@@ -309,7 +311,7 @@ void ModeSearch::calibrate(CheckedDensity& target, Eigen::Index climber, Mode& m
   for (Eigen::Index a = 0; a < d; ++a) {
     const double curvature = std::abs(hessian_(climber, packed_index(a, a)));
     const double unit = 1 / std::sqrt(curvature);
-    unit_[a] = curvature > 0 && std::isfinite(unit) ? unit : scales_(climber, a);
+    unit_[a] = curvature > 0 && std::isfinite(unit) ? unit : 1;  // lengths of differences have grown without end
   }
   for (Eigen::Index a = 0; a < d; ++a)
     for (Eigen::Index b = 0; b < d; ++b)

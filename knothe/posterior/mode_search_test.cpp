@@ -38,6 +38,34 @@ double misfit(const Eigen::MatrixXd& lower, const Eigen::MatrixXd& covariance) {
   return (whole - Eigen::MatrixXd::Identity(whole.rows(), whole.cols())).norm();
 }
 
+/// 0 within `half` of the origin along each axis, no density elsewhere.
+class Box final : public LogDensity {
+ public:
+  explicit Box(double half) : half_(half) {}
+  [[nodiscard]] Eigen::Index dimension() const override { return 2; }
+  [[nodiscard]] int available_derivatives() const override { return 0; }
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int, LogDensityBatch& out) override {
+    for (Eigen::Index i = 0; i < points.rows(); ++i)
+      out.value[i] = points.row(i).cwiseAbs().maxCoeff() <= half_ ? 0 : -std::numeric_limits<double>::infinity();
+  }
+
+ private:
+  double half_;
+};
+
+TEST(ModeSearch, AFlatBoxIsAboutAsWideAsItIs) {
+  for (const double half : {0.5, 2.0}) {
+    Box box(half);
+    CheckedDensity target(box);
+    std::vector<Mode> modes;
+    ModeSearch().run(target, true, modes);
+    ASSERT_FALSE(modes.empty());
+    const Eigen::VectorXd spread = modes[0].lower.rowwise().norm();
+    EXPECT_GT(spread.minCoeff(), 0.02 * half);
+    EXPECT_LT(spread.maxCoeff(), 20 * half);
+  }
+}
+
 TEST(ModeSearch, GaussiansOfAnyScaleFromACold) {
   RandomNumbers random(11);
   for (int trial = 0; trial < 60; ++trial) {
