@@ -311,7 +311,8 @@ void ModeSearch::calibrate(CheckedDensity& target, Eigen::Index climber, Mode& m
   for (Eigen::Index a = 0; a < d; ++a) {
     const double curvature = std::abs(hessian_(climber, packed_index(a, a)));
     const double unit = 1 / std::sqrt(curvature);
-    unit_[a] = curvature > 0 && std::isfinite(unit) ? unit : 1;  // lengths of differences have grown without end
+    unit_[a] =
+        curvature > 0 && std::isfinite(unit) ? unit : 1;  // lengths of differences have grown without end
   }
   for (Eigen::Index a = 0; a < d; ++a)
     for (Eigen::Index b = 0; b < d; ++b)

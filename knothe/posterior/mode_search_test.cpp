@@ -46,7 +46,8 @@ class Box final : public LogDensity {
   [[nodiscard]] int available_derivatives() const override { return 0; }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int, LogDensityBatch& out) override {
     for (Eigen::Index i = 0; i < points.rows(); ++i)
-      out.value[i] = points.row(i).cwiseAbs().maxCoeff() <= half_ ? 0 : -std::numeric_limits<double>::infinity();
+      out.value[i] =
+          points.row(i).cwiseAbs().maxCoeff() <= half_ ? 0 : -std::numeric_limits<double>::infinity();
   }
 
  private:

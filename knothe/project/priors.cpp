@@ -23,8 +23,8 @@ struct Earlier {
 
 Earlier read_earlier(const std::string& path) {
   const posterior::WeightedPosterior found = posterior::read_weighted_posterior(path);
-  return {found.parameters,
-          std::make_shared<const posterior::JointPrior>(found.points, found.weights, "the posterior in " + path)};
+  return {found.parameters, std::make_shared<const posterior::JointPrior>(found.points, found.weights,
+                                                                          "the posterior in " + path)};
 }
 
 }  // namespace
@@ -42,9 +42,10 @@ std::vector<posterior::Prior> priors_of(const Project& project) {
     const auto& [names, joint] = of_file[path];
     const auto it = std::find(names.begin(), names.end(), parameter.name);
     if (it == names.end())
-      throw project.error_at("parameters." + parameter.name + ".of",
-                             fmt::format("{} holds the posterior of {}, not of \"{}\"{}", path,
-                                         fmt::join(names, ", "), parameter.name, did_you_mean(parameter.name, names)));
+      throw project.error_at(
+          "parameters." + parameter.name + ".of",
+          fmt::format("{} holds the posterior of {}, not of \"{}\"{}", path, fmt::join(names, ", "),
+                      parameter.name, did_you_mean(parameter.name, names)));
     priors.push_back(posterior::marginal_of(joint, it - names.begin()));
   }
   return priors;

@@ -88,8 +88,8 @@ TEST(EarlierPosterior, ACorrelatedGaussianIsThatOfTheFormula) {
   }
 }
 
-/// Data in two runs, the posterior of the first as the prior of the second, are the data in one run, up to what
-/// a mixture leaves of a shape. The model is curved: the first posterior is a banana.
+/// Data in two runs, the posterior of the first as the prior of the second, are the data in one run, up to
+/// what a mixture leaves of a shape. The model is curved: the first posterior is a banana.
 TEST(EarlierPosterior, DataInTwoRunsAreDataInOne) {
   constexpr Eigen::Index n = 8;
   const auto model =
@@ -103,14 +103,16 @@ TEST(EarlierPosterior, DataInTwoRunsAreDataInOne) {
                            Way{Method::transport, collapsed, 0.02}, Way{Method::transport, composed, 0.02}}) {
       SCOPED_TRACE(to_text(way.kind) + std::to_string(seed));
       const NoiseModel noise = NoiseModel::independent(std);
-      SequentialUpdate one(model, noise, priors, options_of(way)), first(model, noise, priors, options_of(way));
+      SequentialUpdate one(model, noise, priors, options_of(way)),
+          first(model, noise, priors, options_of(way));
       for (std::size_t t = 0; t < 4; ++t) one.update(t, t, data.col(t));
       for (std::size_t t = 0; t < 2; ++t) first.update(t, t, data.col(t));
       const UpdateResult before = first.posterior_without_monitor(1);
       const auto joint = std::make_shared<const JointPrior>(before.points, before.weights, "the first run");
       SequentialUpdate second(model, noise, marginals(joint), options_of(way));
       for (std::size_t t = 2; t < 4; ++t) second.update(t, t, data.col(t));
-      const UpdateResult whole = one.posterior_without_monitor(3), after = second.posterior_without_monitor(3);
+      const UpdateResult whole = one.posterior_without_monitor(3),
+                         after = second.posterior_without_monitor(3);
       for (Eigen::Index a = 0; a < 2; ++a) {
         const double deviation = std::sqrt(whole.covariance(a, a));
         EXPECT_NEAR(after.mean[a], whole.mean[a], way.tolerance * deviation);

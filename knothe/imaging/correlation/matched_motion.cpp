@@ -23,10 +23,10 @@ constexpr double k_features = 400;              // in the reference, and as many
 constexpr Index k_max_features = 2400;
 constexpr Index k_min_pairs = 8;  // that must agree
 constexpr int k_trials = 4000;
-constexpr double k_agrees = 3;                                // px between a pair and a motion
-constexpr double k_min_area = 200;                          // px² of the triangle of three features
+constexpr double k_agrees = 3;                          // px between a pair and a motion
+constexpr double k_min_area = 200;                      // px² of the triangle of three features
 constexpr double k_min_change = 0.5, k_max_change = 2;  // of an area
-constexpr double k_max_shear = 0.5;                       // difference of the two stretches
+constexpr double k_max_shear = 0.5;                     // difference of the two stretches
 
 struct Feature {
   int x, y;
@@ -164,8 +164,7 @@ std::optional<AffineMotion> motion_of(const Pair& a, const Pair& b, const Pair& 
   motion.gradient = to * from.inverse();
   // With the stretches s₁, s₂: det F = s₁ s₂ and |F|² = s₁² + s₂².
   const double area = motion.gradient.determinant(), shear = motion.gradient.squaredNorm() - 2 * area;
-  if (!(area > k_min_change && area < k_max_change && shear < k_max_shear * k_max_shear))
-    return std::nullopt;
+  if (!(area > k_min_change && area < k_max_change && shear < k_max_shear * k_max_shear)) return std::nullopt;
   motion.shift = a.to - motion.gradient * a.from;
   return motion;
 }

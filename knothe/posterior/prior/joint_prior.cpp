@@ -23,7 +23,8 @@ std::vector<MixtureComponent> fitted(const Eigen::Ref<const Eigen::MatrixXd>& po
   const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
   if (points.rows() < 2 || factor.info() != Eigen::Success)
     throw DataError("the points of a posterior have no spread: they cannot be a prior");
-  const Eigen::MatrixXd white = factor.matrixL().solve((points.rowwise() - mean.transpose()).transpose()).transpose();
+  const Eigen::MatrixXd white =
+      factor.matrixL().solve((points.rowwise() - mean.transpose()).transpose()).transpose();
   // Of few parameters points are nodes of a quadrature or of a map, whose weights have all but no error.
   const double worth = points.cols() <= 3 ? 1e6 : 0;
   std::vector<MixtureComponent> parts = fit_mixture(

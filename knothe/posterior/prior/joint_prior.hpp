@@ -16,8 +16,8 @@ class JointPrior {
  public:
   /// Fitted to weighted points (n × d and n, sum 1) of a posterior. `origin`: what it is, in messages.
   /// Errors: DataError for points without spread.
-  JointPrior(const Eigen::Ref<const Eigen::MatrixXd>& points, const Eigen::Ref<const Eigen::VectorXd>& weights,
-             std::string origin);
+  JointPrior(const Eigen::Ref<const Eigen::MatrixXd>& points,
+             const Eigen::Ref<const Eigen::VectorXd>& weights, std::string origin);
   JointPrior(std::vector<MixtureComponent> components, std::string origin);
 
   [[nodiscard]] const std::vector<MixtureComponent>& components() const { return components_; }

@@ -51,10 +51,10 @@ TEST(JointPrior, TheDensityIsThatOfTheMixtureAndOfTheOthers) {
   out.value.setConstant(2);
   prior.add_log_density(p, 0, out);
   for (int i = 0; i < 3; ++i)
-    EXPECT_NEAR(out.value[i],
-                2 + std::log(density_of_formula({p(i, 2), p(i, 0)})) +
-                    Prior::lognormal(0, 0.25).log_density(p(i, 1)),
-                1e-10);
+    EXPECT_NEAR(
+        out.value[i],
+        2 + std::log(density_of_formula({p(i, 2), p(i, 0)})) + Prior::lognormal(0, 0.25).log_density(p(i, 1)),
+        1e-10);
 }
 
 TEST(JointPrior, DerivativesAreThoseOfDifferences) {
@@ -75,16 +75,19 @@ TEST(JointPrior, DerivativesAreThoseOfDifferences) {
     MatrixXd above = p, below = p;
     above(0, a) += h, below(0, a) -= h;
     const LogDensityBatch up = at(above, 1), down = at(below, 1);
-    EXPECT_NEAR(exact.gradient(0, a), (up.value[0] - down.value[0]) / (2 * h), 1e-6 * (1 + std::abs(exact.gradient(0, a))));
+    EXPECT_NEAR(exact.gradient(0, a), (up.value[0] - down.value[0]) / (2 * h),
+                1e-6 * (1 + std::abs(exact.gradient(0, a))));
     for (int b = 0; b <= a; ++b)
-      EXPECT_NEAR(exact.hessian(0, packed_index(a, b)), (up.gradient(0, b) - down.gradient(0, b)) / (2 * h), 1e-3);
+      EXPECT_NEAR(exact.hessian(0, packed_index(a, b)), (up.gradient(0, b) - down.gradient(0, b)) / (2 * h),
+                  1e-3);
   }
 }
 
 /// ∫ over the box by Simpson's rule, where a tenth of the mixture is outside.
 TEST(JointPrior, ItIsNormalisedInTheSupport) {
   const auto joint = banana();
-  const PriorTransform prior({marginal_of(joint, 0).truncated(0.9, 1.2, "a"), marginal_of(joint, 1).truncated(0.4, 0.8, "b")});
+  const PriorTransform prior(
+      {marginal_of(joint, 0).truncated(0.9, 1.2, "a"), marginal_of(joint, 1).truncated(0.4, 0.8, "b")});
   constexpr int n = 400;
   double mass = 0;
   for (int i = 0; i <= n; ++i)
@@ -115,7 +118,8 @@ TEST(JointPrior, PointsHaveItsMomentsAndStayInside) {
       EXPECT_NEAR(covariance(a, b), joint->covariance()(a, b),
                   0.02 * std::sqrt(joint->covariance()(a, a) * joint->covariance()(b, b)));
   }
-  EXPECT_NEAR(prior.covariance()(0, 2), covariance(0, 1) / std::sqrt(covariance(0, 0) * covariance(1, 1)), 0.01);
+  EXPECT_NEAR(prior.covariance()(0, 2), covariance(0, 1) / std::sqrt(covariance(0, 0) * covariance(1, 1)),
+              0.01);
   EXPECT_EQ(prior.covariance()(0, 1), 0);
   const MatrixXd inside = with_another(0.4, 1.1).points(normal.topRows(2000));
   EXPECT_GE(inside.minCoeff(), 0.0);
