@@ -157,7 +157,7 @@ def pair(posterior: "Posterior | Results", *, truth: Mapping[str, float] | None 
     return [list(row) for row in rows]
 
 
-def _records(steps: Any) -> tuple[list[str], list[dict[str, Any]]]:
+def _records(steps: Any) -> tuple[list[str], Sequence[Mapping[str, Any]]]:
     """Names of the parameters, and the lines of the steps."""
     if isinstance(steps, Posterior):
         raise UsageError(f"{type(steps).__name__}: one posterior has no steps over time; give a Twin, Results or a list of StepResult")
@@ -175,7 +175,7 @@ def _records(steps: Any) -> tuple[list[str], list[dict[str, Any]]]:
     return results[0].parameters, [result.record for result in results]
 
 
-def _quantiles(records: list[dict[str, Any]], parameters: list[str], what: str) -> tuple[Any, str]:
+def _quantiles(records: Sequence[Mapping[str, Any]], parameters: list[str], what: str) -> tuple[Any, str]:
     """Quantiles of a parameter or a forecast, steps x levels, and their unit."""
     if what in parameters:
         k = parameters.index(what)

@@ -191,7 +191,7 @@ class Test(ServiceCase):
         service.wait_until(lambda: all(any(text in message for message in self.alarms(service)) for text in texts))
 
     def files_in_journal(self):
-        with contextlib.closing(sqlite3.connect(f"file:{self.folder / 'assimilation.journal'}?mode=ro", uri=True)) as journal:
+        with contextlib.closing(sqlite3.connect(f"file:{self.project.with_suffix('.journal')}?mode=ro", uri=True)) as journal:
             return {name for name, in journal.execute("SELECT name FROM file")}
 
     def test_pictures_of_one_number_are_said_and_one_of_them_is_taken(self):

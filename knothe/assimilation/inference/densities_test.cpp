@@ -1,6 +1,7 @@
 /// Densities that users bring: not smooth, bounded, heavy-tailed, bent; each with its answer in closed form.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -30,7 +31,7 @@ struct Density {
 InferenceResult answer_of(const Density& density, Method method, InferenceOptions options = {}) {
   model::test_models::Scalar model(std::ssize(density.region), [&](const Vector& p) {
     if (!p.allFinite()) throw DataError("asked at a point that is not finite");
-    return density.log(p);
+    return std::max(density.log(p), std::numeric_limits<double>::lowest());  // as the front ends have it of −∞
   });
   ModelEvaluator evaluator(model, density.region, 1e-4);
   PosteriorDensity posterior(evaluator, density.region, {}, useful_derivatives(method, false));
