@@ -17,18 +17,19 @@ threads of Python go on, and Ctrl-C ends them. The examples import knothe, and n
 `offline`, and project.toml, `twin`, `result` and `moved` are what `Twin`, its `assimilate` and `Correlation.correlate` give.
 All quantities are in SI units, as in the files.
 """
-import importlib.util
+import importlib
 import pathlib
 import sys
 from typing import Any
 
 from knothe._version import __version__
 
-if importlib.util.find_spec("knothe._knothe") is None:
+try:
+    import knothe._knothe as _knothe
+except ModuleNotFoundError as _missing:
     raise ImportError(f"knothe was not built for Python {sys.version_info.major}.{sys.version_info.minor} ({sys.executable}): there is "
                       f"{', '.join(sorted(file.name for file in pathlib.Path(__file__).parent.glob('_knothe*.so'))) or 'no _knothe*.so'} "
-                      "in its folder. Install it for this Python (`pip install knothe`), or use the Python that it was built for")
-from knothe import _knothe
+                      "in its folder. Install it for this Python (`pip install knothe`), or use the Python that it was built for") from _missing
 
 if _knothe.version != __version__:
     raise ImportError(f"the package knothe is of version {__version__}, but its library is of version "
