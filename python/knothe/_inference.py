@@ -12,12 +12,11 @@ from numpy.typing import ArrayLike
 from knothe import _knothe
 from knothe._errors import UsageError, warned
 from knothe._posterior import Posterior
+from knothe._records import InferenceRecord
 from knothe._values import Array, Prior, Seed, count_of, counted, noise_values, numbers, prior_values, require_progress, seed_of
 
 if TYPE_CHECKING:
     import xarray
-
-    from knothe._records import InferenceRecord
 
 
 class InferenceResult(Posterior):

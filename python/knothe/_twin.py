@@ -17,14 +17,13 @@ from knothe import _knothe
 from knothe._errors import UsageError, warned
 from knothe._models import Model, _at_points
 from knothe._posterior import Forecast, Posterior, Verdict
+from knothe._records import StepRecord
 from knothe._results import groups_of
 from knothe._values import (Array, OfNative, Prior, Seed, Sensors, counted, measured_values, noise_values, prior_values,
                             seed_of, step_of)
 
 if TYPE_CHECKING:
     import xarray
-
-    from knothe._records import StepRecord
 
 
 class Datum(OfNative):
