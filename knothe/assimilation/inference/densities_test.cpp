@@ -31,7 +31,8 @@ struct Density {
 InferenceResult answer_of(const Density& density, Method method, InferenceOptions options = {}) {
   model::test_models::Scalar model(std::ssize(density.region), [&](const Vector& p) {
     if (!p.allFinite()) throw DataError("asked at a point that is not finite");
-    return std::max(density.log(p), std::numeric_limits<double>::lowest());  // as the front ends have it of −∞
+    return std::max(density.log(p),
+                    std::numeric_limits<double>::lowest());  // as the front ends have it of −∞
   });
   ModelEvaluator evaluator(model, density.region, 1e-4);
   PosteriorDensity posterior(evaluator, density.region, {}, useful_derivatives(method, false));
