@@ -66,9 +66,14 @@ class Service:
     def request(self, method, path, body=None, headers=None, connection=None):
         """Status, headers, body (JSON where it is)."""
         one = connection or self.connection()
-        one.request(method, path, body, headers or {})
-        answer = one.getresponse()
-        content = answer.read()
+        try:
+            one.request(method, path, body, headers or {})
+            answer = one.getresponse()
+            content = answer.read()
+        except ConnectionError as error:  # by a service that has ended, or by one that closes a connection: which, its log says
+            time.sleep(0.1)
+            error.add_note(f"exit status: {self.process.poll()}; its log ends:\n{self.logged()[-4000:]}")
+            raise
         if connection is None:
             one.close()
         if answer.headers.get("Content-Type") == "application/json" and content:
