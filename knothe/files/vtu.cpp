@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <array>
 #include <bit>
 #include <cctype>
 #include <cmath>
@@ -20,20 +19,23 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "VTU files are written as the memory has them");
 
-constexpr std::array<std::pair<const char*, int>, 14> k_cell_types = {{{"VERTEX", 1},
-                                                                       {"LINE", 3},
-                                                                       {"TRIANGLE", 5},
-                                                                       {"QUAD", 9},
-                                                                       {"TETRA", 10},
-                                                                       {"HEXAHEDRON", 12},
-                                                                       {"WEDGE", 13},
-                                                                       {"PYRAMID", 14},
-                                                                       {"QUADRATIC_EDGE", 21},
-                                                                       {"QUADRATIC_TRIANGLE", 22},
-                                                                       {"QUADRATIC_QUAD", 23},
-                                                                       {"QUADRATIC_TETRA", 24},
-                                                                       {"QUADRATIC_HEXAHEDRON", 25},
-                                                                       {"TRIQUADRATIC_HEXAHEDRON", 29}}};
+const std::vector<VtkCell>& vtk_cells() {
+  static const std::vector<VtkCell> all = {{1, "VTK_VERTEX", 1},
+                                           {3, "VTK_LINE", 2},
+                                           {5, "VTK_TRIANGLE", 3},
+                                           {9, "VTK_QUAD", 4},
+                                           {10, "VTK_TETRA", 4},
+                                           {12, "VTK_HEXAHEDRON", 8},
+                                           {13, "VTK_WEDGE", 6},
+                                           {14, "VTK_PYRAMID", 5},
+                                           {21, "VTK_QUADRATIC_EDGE", 3},
+                                           {22, "VTK_QUADRATIC_TRIANGLE", 6},
+                                           {23, "VTK_QUADRATIC_QUAD", 8},
+                                           {24, "VTK_QUADRATIC_TETRA", 10},
+                                           {25, "VTK_QUADRATIC_HEXAHEDRON", 20},
+                                           {29, "VTK_TRIQUADRATIC_HEXAHEDRON", 27}};
+  return all;
+}
 
 /// Collects the binary blocks behind the XML, each preceded by its length.
 class AppendedData {
@@ -84,19 +86,24 @@ std::string add_fields(const std::vector<VtuField>& fields, std::size_t entries,
 
 }  // namespace
 
-int vtk_cell_type(const std::string& name) {
+VtkCell vtk_cell(std::int64_t type) {
+  for (const VtkCell& cell : vtk_cells())
+    if (cell.type == type) return cell;
+  return {};
+}
+
+VtkCell vtk_cell(const std::string& name) {
   std::string upper;
   for (const char c : name) upper += static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
-  if (upper.rfind("VTK_", 0) == 0) upper.erase(0, 4);
-  for (const auto& [known, number] : k_cell_types) {
-    if (upper == known) return number;
-  }
-  return 0;
+  if (!upper.starts_with("VTK_")) upper.insert(0, "VTK_");
+  for (const VtkCell& cell : vtk_cells())
+    if (cell.name == upper) return cell;
+  return {};
 }
 
 void write_vtu(const VtuGrid& grid, const std::string& path) {
   const std::size_t points = grid.points.size() / 3, cells = grid.cells.size() / grid.nodes_per_cell;
-  const int type = vtk_cell_type(grid.type);
+  const int type = vtk_cell(grid.type).type;
   if (type == 0) throw UsageError(fmt::format("{}: {} is no cell type of VTK known here", path, grid.type));
   std::vector<std::int64_t> offsets(cells);
   for (std::size_t i = 0; i < cells; ++i) offsets[i] = (i + 1) * grid.nodes_per_cell;

@@ -40,7 +40,14 @@ struct PvdEntry {
 /// Writes the series atomically. IoError.
 void write_pvd(std::span<const PvdEntry> entries, const std::string& path);
 
-/// VTK's number of a cell type by its name, with or without "VTK_", any case; 0 if unknown.
-[[nodiscard]] int vtk_cell_type(const std::string& name);
+/// A cell type of VTK; `type` 0: none that is known here.
+struct VtkCell {
+  int type = 0;
+  std::string name;        ///< "VTK_QUADRATIC_TETRA"
+  std::size_t points = 0;  ///< of a cell
+};
+[[nodiscard]] VtkCell vtk_cell(std::int64_t type);
+/// With or without "VTK_", any case.
+[[nodiscard]] VtkCell vtk_cell(const std::string& name);
 
 }  // namespace knothe::files

@@ -384,19 +384,4 @@ std::vector<PvdEntry> read_pvd(const std::string& path) {
   return entries;
 }
 
-VtkCell vtk_cell(std::int64_t type) {
-  switch (type) {
-    case 5:
-      return {"VTK_TRIANGLE", 3};
-    case 9:
-      return {"VTK_QUAD", 4};
-    case 10:
-      return {"VTK_TETRA", 4};
-    case 12:
-      return {"VTK_HEXAHEDRON", 8};
-    default:
-      return {};
-  }
-}
-
 }  // namespace knothe::files

@@ -28,12 +28,4 @@ struct VtuContents {
 /// The files of a series in the order of their times; several parts of one time are refused. DataError.
 [[nodiscard]] std::vector<PvdEntry> read_pvd(const std::string& path);
 
-/// Of the cells between whose points values are interpolated (triangle, quadrilateral, tetrahedron,
-/// hexahedron): VTK's name and the number of points; empty, 0 for others.
-struct VtkCell {
-  std::string name;
-  std::size_t points = 0;
-};
-[[nodiscard]] VtkCell vtk_cell(std::int64_t type);
-
 }  // namespace knothe::files

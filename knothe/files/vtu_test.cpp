@@ -71,8 +71,8 @@ TEST(Vtu, MistakesAreNamed) {
   grid.point_fields[0].values[5] = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THAT(complaint(grid), HasSubstr("field u & v[1,2] is not finite"));
   EXPECT_EQ(folder.number_of_files(), 0U);
-  EXPECT_EQ(vtk_cell_type("vtk_hexahedron"), 12);
-  EXPECT_EQ(vtk_cell_type("QUAD"), 9);
+  EXPECT_EQ(vtk_cell("vtk_hexahedron").type, 12);
+  EXPECT_EQ(vtk_cell("QUAD").type, 9);
 }
 
 TEST(Vtu, SeriesNameTheirFilesAndTimes) {

@@ -13,6 +13,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/likelihood/data/field_series.hpp"
+#include "knothe/model/observe/observation_operator.hpp"
 #include "knothe/project/field_steps.hpp"
 
 namespace knothe::project {
@@ -23,6 +24,7 @@ using files::ExportedField;
 
 constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
 constexpr double k_max_misfit = 0.02;  // of a registration, relative to its extent
+constexpr double k_max_outside = 0.1;  // of the points
 
 bool same_file(const std::string& a, const std::string& b) {
   std::error_code ignored;
@@ -168,27 +170,55 @@ bool is_inside(const std::array<double, 4>& region, double right, double up) {
   return right >= left && right <= right_end && up >= low && up <= high;
 }
 
-/// Displacements of the points in the model, x then y of each.
-void place_points(const FieldOptions& o, const likelihood::FieldSeries& series,
-                  const imaging::PictureFrame& frame, double displacement_scale,
-                  likelihood::Measurements& m) {
-  const auto components = frame.components();
-  std::vector<Index> kept;
-  for (Index i = 0; i < std::ssize(series.points); ++i) {
+/// Where the series' points are in the model, NaN for those that are not used: outside the region, or outside
+/// the mesh, as those are whose subset or triangle reaches over an edge of the specimen. `left_out` counts
+/// these.
+Eigen::Matrix3Xd places_of(const FieldOptions& o, const likelihood::FieldSeries& series,
+                           const imaging::PictureFrame& frame, const std::optional<model::Mesh>& mesh,
+                           Index& left_out) {
+  Eigen::Matrix3Xd places(3, std::ssize(series.points));
+  for (Index i = 0; i < places.cols(); ++i) {
     const auto at = frame.model_point(series.points[i][0], series.points[i][1]);
-    if (o.region && !is_inside(*o.region, at[0], at[components[1]])) continue;
-    kept.push_back(i);
-    for (const int component : components) m.sensors.add(at, component);
+    const bool used = !o.region || is_inside(*o.region, at[0], at[frame.components()[1]]);
+    places.col(i) = used ? Eigen::Vector3d(at[0], at[1], at[2]) : Eigen::Vector3d::Constant(k_nan);
   }
-  if (kept.empty())
+  const Index wanted = places.cols() - places.row(0).array().isNaN().count();
+  if (wanted == 0)
     throw DataError(
         fmt::format("{}: {}", o.files,
                     series.points.empty() ? "all points are lost" : "no point is in data.fields.region"));
-  m.values.resize(2 * std::ssize(kept), series.u.cols());
+  left_out = 0;
+  if (!mesh) return places;
+  const std::vector<bool> inside = model::are_inside(*mesh, {places.data(), std::size_t(places.size())});
+  for (Index i = 0; i < places.cols(); ++i) {
+    if (inside[i] || std::isnan(places(0, i))) continue;
+    places.col(i).setConstant(k_nan);
+    ++left_out;
+  }
+  if (double(left_out) > k_max_outside * double(wanted))
+    throw DataError(fmt::format(
+        "{}: {} of {} points lie outside the model's mesh: check data.fields.points and model_points (or "
+        "origin, angle, y), or give the part that is in the model as data.fields.region",
+        o.files, left_out, wanted));
+  return places;
+}
+
+/// Displacements of the points in the model, x then y of each.
+void place_points(const likelihood::FieldSeries& series, const Eigen::Matrix3Xd& places,
+                  const imaging::PictureFrame& frame, double displacement_scale,
+                  likelihood::Measurements& m) {
+  std::vector<Index> used;
+  for (Index i = 0; i < places.cols(); ++i) {
+    if (std::isnan(places(0, i))) continue;
+    used.push_back(i);
+    for (const int component : frame.components())
+      m.sensors.add(std::array{places(0, i), places(1, i), places(2, i)}, component);
+  }
+  m.values.resize(2 * std::ssize(used), series.u.cols());
   const Eigen::Matrix2d turn = frame.displacement_matrix() / frame.scale() * displacement_scale;
-  for (Index k = 0; k < std::ssize(kept); ++k)
+  for (Index k = 0; k < std::ssize(used); ++k)
     for (Index t = 0; t < series.u.cols(); ++t)
-      m.values.block<2, 1>(2 * k, t) = turn * Eigen::Vector2d(series.u(kept[k], t), series.v(kept[k], t));
+      m.values.block<2, 1>(2 * k, t) = turn * Eigen::Vector2d(series.u(used[k], t), series.v(used[k], t));
 }
 
 void add_stated_series(const Project& project, const std::vector<ExportedField>& fields,
@@ -217,7 +247,7 @@ FieldMeasurements measure_fields(const Project& project, const model::ModelConte
   const FieldOptions& o = project.fields;
   ReadFields all = read_all(o);
   FieldMeasurements result;
-  tell_times(o, all.fields);
+  tell_times(o, model.time, all.fields);
   likelihood::Measurements& m = result.measurements;
   for (const ExportedField& field : all.fields) {
     m.time.push_back(*field.time);
@@ -227,8 +257,19 @@ FieldMeasurements measure_fields(const Project& project, const model::ModelConte
   const imaging::PictureFrame frame = frame_of(project, first, model);
   // Displacements in mm beside positions in pixels have a scale of their own.
   const double displacement_scale = first.displacement_unit == "px" ? frame.scale() : 1e-3;
-  place_points(o, likelihood::join_fields(all.fields, o.min_distance / frame.scale()), frame,
-               displacement_scale, m);
+  likelihood::FieldSeries series = likelihood::join_fields(all.fields);
+  const std::size_t all_points = series.points.size();
+  const Index outliers = o.outliers > 0 ? likelihood::lose_outliers(o.outliers, series) : 0;
+  series = likelihood::thinned(series, o.min_distance / frame.scale());
+  Index left_out = 0;
+  place_points(series, places_of(o, series, frame, model.mesh, left_out), frame, displacement_scale, m);
+  const auto tell = [&](const char* what, Index count) {
+    if (count > 0)
+      result.read.push_back(
+          fmt::format("{}: not used, as {}: {} of {} points", o.files, what, count, all_points));
+  };
+  tell("they stand out from their neighbours", outliers);
+  tell("they lie outside the model's mesh", left_out);
   const double std = o.std ? *o.std : displacement_scale * likelihood::static_std(all.at_rest);
   m.noise = likelihood::NoiseModel::independent(Eigen::VectorXd::Constant(m.values.rows(), std));
   if (first.displacement_unit == "px" || o.relative_scale_std > 0)
@@ -238,19 +279,20 @@ FieldMeasurements measure_fields(const Project& project, const model::ModelConte
 }
 
 likelihood::NoiseModel with_motion(const FieldOptions& fields, const likelihood::Measurements& m) {
-  const auto [shift, degrees] = fields.motion_std;
-  if (!(shift > 0 || degrees > 0)) return m.noise;
+  const double shift = fields.motion_std[0], turn = fields.motion_std[1] * std::numbers::pi / 180,
+               towards = fields.motion_std[2];
+  if (!(shift > 0 || turn > 0 || towards > 0)) return m.noise;
   const Index n = std::ssize(m.sensors.components);
   const int up = fields.view == imaging::View::side ? 1 : 2;
-  Eigen::Vector2d middle = Eigen::Vector2d::Zero();
-  for (Index i = 0; i < n; ++i)
-    middle += Eigen::Vector2d(m.sensors.points[3 * i], m.sensors.points[3 * i + up]) / double(n);
-  Eigen::MatrixXd factor = Eigen::MatrixXd::Zero(m.noise.size(), 3);
+  const Eigen::Map<const Eigen::Matrix3Xd> points(m.sensors.points.data(), 3, n);
+  const Eigen::Vector3d middle = points.rowwise().mean();
+  Eigen::MatrixXd factor = Eigen::MatrixXd::Zero(m.noise.size(), 4);
   for (Index i = 0; i < n; ++i) {
+    const Eigen::Vector3d arm = points.col(i) - middle;
     const bool along = m.sensors.components[i] == 0;
-    const double arm = along ? middle[1] - m.sensors.points[3 * i + up] : m.sensors.points[3 * i] - middle[0];
     factor(i, along ? 0 : 1) = shift;
-    factor(i, 2) = degrees * std::numbers::pi / 180 * arm;
+    factor(i, 2) = turn * (along ? -arm[up] : arm[0]);
+    factor(i, 3) = towards * (along ? arm[0] : arm[up]);
   }
   likelihood::NoiseModel noise = m.noise;
   for (std::size_t t = 0; t < m.time.size(); ++t) noise = noise.with_step_error(t, factor);

@@ -53,10 +53,16 @@ void add_noise_options(Section<G>& s) {
   s.add("std", &G::std, "Standard deviation of displacements, m.", positive);
   s.add("static", &G::static_fields, "Or names of fields at rest.");
   s.add("min_distance", &G::min_distance, "Least distance of points, m.", non_negative);
+  s.add("outliers", &G::outliers,
+        "Displacements are lost that differ from their neighbours by this many times the usual spread (5 is "
+        "usual); 0: none.",
+        non_negative);
   s.add("relative_scale_std", &G::relative_scale_std, "Relative standard deviation of the scale.",
         non_negative);
-  s.add("motion_std", &G::motion_std, "Standard deviation of each field's rigid motion, [m, degrees].",
-        of_shape("two numbers, [m, degrees]"));
+  s.add("motion_std", &G::motion_std,
+        "Standard deviation of each field's rigid motion, [m, degrees], or [m, degrees, relative] with that "
+        "out "
+        "of plane, towards one camera: over its distance.");
 }
 
 void add_registration_options(Section<G>& s) {
@@ -120,8 +126,10 @@ void check_rest(Values& values, const Given& given) {
     values.complain(
         "data.fields",
         "[data.fields] needs \"std\" or \"static\", one of the two: how well displacements are measured");
-  if ((given.motion_std[0] < 0) || (given.motion_std[1] < 0))
-    values.complain("data.fields.motion_std", "\"data.fields.motion_std\" is not negative");
+  if (given.motion_std.size() < 2 || given.motion_std.size() > 3 || std::ranges::min(given.motion_std) < 0)
+    values.complain(
+        "data.fields.motion_std",
+        "\"data.fields.motion_std\" must be [m, degrees] or [m, degrees, relative], none negative");
   if (!given.times.empty() + !given.steps.empty() + given.time_from_name > 1)
     values.complain("data.fields",
                     "\"times\", \"steps\" and \"time\" = \"name\" all give the times: one of them is enough");
@@ -141,6 +149,7 @@ FieldOptions read_field_options(Values& values) {
                     "[data.fields] and \"data.pictures\" both say what was measured: give one");
   check_mapping(values, given, given.mapping);
   check_rest(values, given);
+  given.motion_std.resize(3);
   given.beside = values.resolved(values.get<std::string>("data.file"));
   return given;
 }

@@ -26,9 +26,10 @@ struct FieldOptions {
   std::map<std::string, std::string> series;  ///< by the model's name: that in the files
   std::optional<double> std;                  ///< m
   double relative_scale_std = 0;
-  std::array<double, 2> motion_std{0, 0};                   ///< of each field: m, degrees
-  double min_distance = 0;                                  ///< m
-  std::optional<double> scale;                              ///< m per px
+  std::vector<double> motion_std{0, 0, 0};  ///< of each field: m, degrees, change of magnification
+  double min_distance = 0;                  ///< m
+  double outliers = 0;                      ///< how far from its neighbours a point is lost; 0: none
+  std::optional<double> scale;              ///< m per px
   std::vector<std::array<double, 2>> points, model_points;  ///< as in the files; m
   std::optional<std::array<double, 2>> origin;              ///< of the model, as in the files
   double angle = 0;                                         ///< degrees

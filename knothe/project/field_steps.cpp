@@ -181,7 +181,8 @@ std::vector<std::string> list_fields(const std::string& files) {
   return paths;
 }
 
-void tell_times(const FieldOptions& options, std::vector<ExportedField>& fields) {
+void tell_times(const FieldOptions& options, std::span<const double> model_times,
+                std::vector<ExportedField>& fields) {
   if (!options.times.empty() && options.times.size() != fields.size())
     throw DataError(fmt::format("{}: data.fields.times has {} times for {}", options.files,
                                 options.times.size(), counted(fields.size(), "field")));
@@ -192,6 +193,8 @@ void tell_times(const FieldOptions& options, std::vector<ExportedField>& fields)
   }
   for (std::size_t k = 0; k < fields.size(); ++k) {
     if (!options.times.empty()) fields[k].time = options.times[k];
+    if (!fields[k].time && fields.size() == 1 && model_times.size() == 1)
+      fields[k].time = model_times[0] + options.time_zero;
     if (!fields[k].time)
       throw DataError(
           fmt::format("{}: {} does not say its time: give data.fields.times, a table data.fields.steps "

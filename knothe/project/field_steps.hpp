@@ -1,6 +1,7 @@
 #pragma once
 /// @file Which files a project's fields are in, and when each was. Private to this room.
 #include <map>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -17,7 +18,9 @@ namespace knothe::project {
 [[nodiscard]] std::vector<std::string> list_fields(const std::string& files);
 
 /// Puts times, and the series that are asked for, into fields: from `times`, the table `steps`, the names or
-/// the files themselves. DataError, with what to give, where one has none or two have the same.
-void tell_times(const FieldOptions& options, std::vector<files::ExportedField>& fields);
+/// the files themselves; the only field is of the model's only time. DataError, with what to give, where one
+/// has none or two have the same.
+void tell_times(const FieldOptions& options, std::span<const double> model_times,
+                std::vector<files::ExportedField>& fields);
 
 }  // namespace knothe::project

@@ -11,11 +11,19 @@
 namespace knothe::record {
 namespace {
 
+/// Whether a prefix may stand before the unit: its first symbol is one of these, to the power of one.
+bool takes_prefix(const std::string& units) {
+  const std::string symbol = units.substr(0, units.find_first_of(" /"));
+  return symbol == "Pa" || symbol == "N" || symbol == "J" || symbol == "W" || symbol == "Hz" || symbol == "V";
+}
+
 /// Factor and unit for a quantity of this size.
 std::pair<double, std::string> readable_unit(double size, const std::string& units) {
   if (units == "1" || units.empty()) return {1.0, ""};
-  if (units != "m") return {1.0, " " + units};
-  return size < 1e-5 ? std::pair(1e6, std::string(" µm")) : std::pair(1e3, std::string(" mm"));
+  if (units == "m") return size < 1e-5 ? std::pair(1e6, " µm") : std::pair(1e3, " mm");
+  if (size < 1e4 || !takes_prefix(units)) return {1.0, " " + units};
+  if (size < 1e6) return {1e-3, " k" + units};
+  return size < 1e9 ? std::pair(1e-6, " M" + units) : std::pair(1e-9, " G" + units);
 }
 
 }  // namespace
@@ -34,12 +42,8 @@ std::string probability_text(double probability) {
 std::string forecast_text(const assimilation::NamedForecast& named) {
   const assimilation::ScalarForecast& f = named.forecast;
   const auto [factor, unit] = readable_unit(std::max(std::abs(f.mean), f.std), named.units);
-  // As many decimals as the standard deviation asks for.
-  const double digit = f.std > 0 ? std::floor(std::log10(factor * f.std)) : -3;
-  const int decimals = static_cast<int>(std::clamp(1 - digit, 0.0, 12.0));
   const auto number = [&, factor = factor](double value) {
-    const std::string digits = fmt::format("{:.{}f}", factor * value, decimals);
-    return digits[0] == '-' ? "−" + digits.substr(1) : digits;
+    return to_decimals_of(factor * f.std, factor * value);
   };
   const double above = f.probability_above_threshold;
   std::string text = fmt::format("{} at time {:g}{}: {}, most probable {}, 95 % in [{}, {}]", named.name,

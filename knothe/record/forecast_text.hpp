@@ -7,7 +7,7 @@
 namespace knothe::record {
 
 /// "−0.4012 ± 0.0012 mm": the standard deviation with two significant digits, the mean to the same decimal;
-/// metres as mm, or µm where both are below 10 µm.
+/// metres as mm, or µm where both are below 10 µm; "200.2 ± 1.7 GPa".
 [[nodiscard]] std::string value_text(double mean, double std, const std::string& units);
 
 /// "12.3 %", "< 0.1 %", "> 99.9 %": of samples, none of them above does not mean never.

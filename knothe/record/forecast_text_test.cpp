@@ -16,6 +16,9 @@ TEST(ForecastText, HasAsManyDigitsAsTheStandardDeviationAsksFor) {
   EXPECT_EQ(value_text(1152.34, 0.567, "N"), "1152.34 ± 0.57 N");
   EXPECT_EQ(value_text(1.00123, 0.0034, "1"), "1.0012 ± 0.0034");
   EXPECT_EQ(value_text(2, 0, "N"), "2.000 ± 0 N");
+  EXPECT_EQ(value_text(2.002e11, 1.71e9, "Pa"), "200.2 ± 1.7 GPa");
+  EXPECT_EQ(value_text(-12345, 678, "N m"), "−12.35 ± 0.68 kN m");
+  EXPECT_EQ(value_text(123456, 7890, "m3"), "(1.235 ± 0.079)·10⁵ m3");
 }
 
 TEST(ForecastText, ProbabilitiesAreNeverCertain) {

@@ -11,8 +11,12 @@ namespace knothe::record {
 /// A number that was given, not measured: at most four digits, without trailing zeros ("0.3", "25").
 [[nodiscard]] std::string plain(double value);
 
-/// "1.04 ± 0.041": the standard deviation with two significant digits, the mean to the same decimal.
+/// "1.04 ± 0.041": the standard deviation with two significant digits, the mean to the same decimal;
+/// "(2.002 ± 0.017)·10¹¹" where that has more than three digits before the point.
 [[nodiscard]] std::string with_uncertainty(double mean, double std);
+
+/// A value to the decimals that a standard deviation makes worth reading: "1.04", "2.002·10¹¹".
+[[nodiscard]] std::string to_decimals_of(double std, double value);
 
 /// Superscript digits, e.g. "⁻³".
 [[nodiscard]] std::string superscript(int value);

@@ -293,6 +293,7 @@ class Writer {
         file_.observed.space * (file_.observed.core[t] * draws.functions.transpose()).eval();
     values.colwise() += file_.observed.lift.col(t);
     if (corrected && step.bias.size() > 0) values.topRows(step.bias.size()).colwise() += step.bias;
+    if (corrected && step.error.size() > 0) values.colwise() += step.error.head(n_rows_);
     return values;
   }
 

@@ -24,6 +24,9 @@ struct KeptStep {
   likelihood::Datum datum;  ///< the last of the step, with the noise that it was measured with
   std::vector<assimilation::NamedForecast> forecasts;  ///< without their densities
   Eigen::VectorXd bias;  ///< m, of the model at the sensors, to be added to it; empty: not corrected
+  /// Of the values of the step, to be added to the prediction: its own error (a motion, a clock) as the
+  /// residual shows it; empty: none.
+  Eigen::VectorXd error = {};
 };
 
 /// `datum`: the last of the step, with the noise that it was measured with; `observed`: the model at the

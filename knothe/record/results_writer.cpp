@@ -14,6 +14,7 @@
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/vtu.hpp"
+#include "knothe/likelihood/noise/predictive.hpp"
 #include "knothe/model/reduced/field_file.hpp"
 #include "knothe/model/reduced/model_matrices.hpp"
 #include "knothe/model/reduced/time_interpolation.hpp"
@@ -69,6 +70,10 @@ void ResultsWriter::add_step(const assimilation::StepResult& result,
   record["elapsed_us"]["densities"] = microseconds_since(start);
   lines_.push_back(files::json_line(record));
   steps_.push_back(retain_step(result, datum, observed_.get()));
+  const Eigen::MatrixXd* factor = measurements_.noise.step_error(result.update.step);
+  if (factor != nullptr && observed_)
+    steps_.back().error =
+        likelihood::expected_step_error(datum.values - expected_at(steps_.back()), *datum.noise, *factor);
   run_.add(result.update.verdict);
 }
 
@@ -165,27 +170,32 @@ void ResultsWriter::add_series(Json& record, const KeptStep& step, const Eigen::
   }
 }
 
+/// E[M(p)] under the posterior of a step.
+Eigen::VectorXd ResultsWriter::expected_at(const KeptStep& step) const {
+  const auto& functions = *observed_->functions;
+  model::FunctionBatch batch;
+  batch.resize(step.result.points.rows(), functions.dimension(), functions.count(), 0);
+  functions.evaluate(step.result.points, 0, batch);
+  return observed_->lift.col(step.datum.time_index) +
+         observed_->space * (observed_->core[step.datum.time_index] *
+                             (batch.value.transpose() * step.result.weights).eval());
+}
+
 /// What the model leaves unexplained (Rubio et al. 2019, Eq. 16): datum − E[M(p)] under the posterior that
-/// has it; per step over all sensors, and per sensor over the last steps.
+/// has it, less the errors of the step that are not the model's (a motion); per step over all sensors, and
+/// per sensor over the last steps.
 Json ResultsWriter::residuals() const {
   constexpr std::size_t k_averaged = 10;
   if (!observed_ || steps_.empty()) return nullptr;
   const Eigen::Index n = measurements_.values.rows();
-  const auto& functions = *observed_->functions;
-  model::FunctionBatch batch;
   Json step = Json::array(), rms = Json::array(), noise_rms = Json::array();
   std::vector<double> measured, predicted;
   Json series = Json::object();
   const Eigen::VectorXd all_noise = measurements_.noise.measurement().standard_deviations();
   Eigen::ArrayXd sum = Eigen::ArrayXd::Zero(n), count = Eigen::ArrayXd::Zero(n);
   for (std::size_t i = 0; i < steps_.size(); ++i) {
-    const assimilation::UpdateResult& posterior = steps_[i].result;
-    const std::size_t time_index = steps_[i].datum.time_index;
-    batch.resize(posterior.points.rows(), functions.dimension(), functions.count(), 0);
-    functions.evaluate(posterior.points, 0, batch);
-    const Eigen::VectorXd of_functions =
-        observed_->core[time_index] * (batch.value.transpose() * posterior.weights).eval();
-    const Eigen::VectorXd expected = observed_->lift.col(time_index) + observed_->space * of_functions;
+    Eigen::VectorXd expected = expected_at(steps_[i]);
+    if (steps_[i].error.size() > 0) expected += steps_[i].error;
     add_series(series, steps_[i], expected);
     const Eigen::ArrayXd residual = measurements_.values.col(i) - expected.head(n);
     const auto present = !residual.isNaN();
@@ -194,7 +204,7 @@ Json ResultsWriter::residuals() const {
     const likelihood::GaussianNoise& own = *steps_[i].datum.noise;  // where correlated, too slow step by step
     const Eigen::VectorXd noise_std = own.is_independent() ? own.standard_deviations() : all_noise;
     const Eigen::ArrayXd noise = noise_std.head(n);
-    step.push_back(posterior.step);
+    step.push_back(steps_[i].result.step);
     rms.push_back(std::sqrt(there.square().sum() / number));
     noise_rms.push_back(std::sqrt(present.select(noise, 0.0).square().sum() / number));
     if (i + 1 == steps_.size()) {

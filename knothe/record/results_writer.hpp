@@ -50,6 +50,7 @@ class ResultsWriter {
   void write_fields(const std::string& folder) const;
   [[nodiscard]] nlohmann::ordered_json parameter_summaries() const;
   [[nodiscard]] nlohmann::ordered_json load_displacement() const;
+  [[nodiscard]] Eigen::VectorXd expected_at(const KeptStep& step) const;
   [[nodiscard]] nlohmann::ordered_json residuals() const;
   void add_series(nlohmann::ordered_json& record, const KeptStep& step,
                   const Eigen::VectorXd& expected) const;

@@ -16,11 +16,11 @@ namespace {
 
 using Eigen::Index;
 
-constexpr Index k_modes = 12;               // of the model's space modes, those the sensors see best
-constexpr Index k_parts = 8;                // of the data, in time
-constexpr double k_min_products = 50;       // whose sum is taken for normal
-constexpr double k_equal = 1e-6;            // standard deviations: so near are no two measurements
-constexpr Index k_sought_neighbours = 512;  // sensors: looking for neighbours costs their square
+constexpr Index k_modes = 12;             // of the model's space modes, those the sensors see best
+constexpr Index k_parts = 8;              // of the data, in time
+constexpr double k_min_products = 50;     // whose sum is taken for normal
+constexpr Index k_values_per_error = 50;  // of a step: then its values are nearly independent without it
+constexpr double k_equal = 1e-6;          // standard deviations: so near are no two measurements
 
 /// The largest of `count` statistics of χ² distribution, and the probability that chance makes the largest so
 /// large. They are compared by the scores of Wilson and Hilferty (1931): one exact probability is enough.
@@ -56,20 +56,51 @@ double misfit_with(const Eigen::MatrixXd& error, const Eigen::VectorXd& values,
   return residual.dot(likelihood::apply_with_error(noise, seen, residual).col(0));
 }
 
+/// What is left of a residual (0 where nothing was measured) without the error F z of its step, z ~ N(0, I),
+/// as it is known from all values: R (R + F Fᵀ)⁻¹ r, each over its own standard deviation. 0 where the error
+/// takes nearly all.
+Eigen::VectorXd scores_beside(const Eigen::MatrixXd& error, const Eigen::VectorXd& inverse_variance,
+                              const Eigen::VectorXd& residual) {
+  constexpr double k_min_left = 0.05;
+  Eigen::MatrixXd seen = error;
+  for (Index i = 0; i < residual.size(); ++i)
+    if (residual[i] == 0) seen.row(i).setZero();
+  const Eigen::MatrixXd weighted = inverse_variance.asDiagonal() * seen;
+  const Index q = error.cols();
+  const Eigen::LDLT<Eigen::MatrixXd> information(Eigen::MatrixXd::Identity(q, q) +
+                                                 seen.transpose() * weighted);
+  Eigen::VectorXd scores = residual - seen * information.solve(weighted.transpose() * residual);
+  const Eigen::MatrixXd taken = information.solve(weighted.transpose());
+  for (Index i = 0; i < scores.size(); ++i) {
+    const double left = 1 - seen.row(i).dot(taken.col(i));
+    scores[i] *= left > k_min_left ? std::sqrt(inverse_variance[i] / left) : 0.0;
+  }
+  return scores;
+}
+
+/// Each sensor with the nearest that measures the same component elsewhere, the first of several.
 std::vector<std::array<Index, 2>> nearest_of_same_component(const model::Sensors& sensors) {
-  const Index n = sensors.displacement_count();
   std::set<std::array<Index, 2>> pairs;
-  if (n > k_sought_neighbours) return {};
-  for (Index i = 0; i < n; ++i) {
-    double nearest = std::numeric_limits<double>::infinity();
-    Index found = i;
-    for (Index j = 0; j < n; ++j) {
-      if (j == i || sensors.components[j] != sensors.components[i]) continue;
-      double square = 0;
-      for (std::size_t a = 0; a < 3; ++a) square += std::pow(sensors.point(i)[a] - sensors.point(j)[a], 2);
-      if (square > 0 && square < nearest) nearest = square, found = j;
+  for (int component = 0; component < 3; ++component) {
+    std::vector<std::pair<double, Index>> by_x;
+    for (Index i = 0; i < std::ssize(sensors.components); ++i)
+      if (sensors.components[i] == component) by_x.emplace_back(sensors.point(i)[0], i);
+    std::sort(by_x.begin(), by_x.end());
+    for (Index at = 0; at < std::ssize(by_x); ++at) {
+      const Index i = by_x[at].second;
+      std::pair nearest(std::numeric_limits<double>::infinity(), i);  // square of the distance, sensor
+      // Away from it in x, until x alone is too far.
+      for (const Index way : {-1, 1})
+        for (Index k = at + way; k >= 0 && k < std::ssize(by_x); k += way) {
+          if (std::pow(by_x[k].first - by_x[at].first, 2) > nearest.first) break;
+          const Index j = by_x[k].second;
+          double square = 0;
+          for (std::size_t a = 0; a < 3; ++a)
+            square += std::pow(sensors.point(i)[a] - sensors.point(j)[a], 2);
+          if (square > 0) nearest = std::min(nearest, std::pair(square, j));
+        }
+      if (nearest.second != i) pairs.insert({std::min(i, nearest.second), std::max(i, nearest.second)});
     }
-    if (found != i) pairs.insert({std::min(i, found), std::max(i, found)});
   }
   return {pairs.begin(), pairs.end()};
 }
@@ -169,6 +200,7 @@ ResidualReport ResidualTests::examine(std::span<const likelihood::DatumPointer> 
   report.probability.fill(1);
   report.scores.setZero(n, m);
   LargestChiSquare steps;
+  Index most_errors = 0;  // of a step
   bool own = false, all_in_modes = true;
   const double scale = 1 / std::sqrt(level);
   for (Index k = 0; k < m; ++k) {
@@ -200,8 +232,12 @@ ResidualReport ResidualTests::examine(std::span<const likelihood::DatumPointer> 
     } else {
       present = 0;  // a noise of its own and values missing: what is left of it costs too much
     }
-    if (const Eigen::MatrixXd* error = noise_.step_error(datum.step); error != nullptr && present > 0)
+    if (const Eigen::MatrixXd* error = noise_.step_error(datum.step); error != nullptr && present > 0) {
       misfit = misfit_with(*error, datum.values, noise, residual);
+      if (noise.is_independent())
+        report.scores.col(k) = scores_beside(*error, noise.inverse_variance(), residual);
+      most_errors = std::max(most_errors, error->cols());
+    }
     // Their modes have another distribution.
     const bool in_modes = !is_own && (present == measured_ || noise.is_independent());
     all_in_modes = all_in_modes && in_modes;
@@ -215,8 +251,12 @@ ResidualReport ResidualTests::examine(std::span<const likelihood::DatumPointer> 
   if (report.values == 0) return report;
   report.set(ResidualTest::total, numerics::chi_squared_upper(report.misfit, values));
   if (noise_.has_step_errors()) {
-    // Single values are those of R and of an error that all share, which is not told from noise.
-    if (!likelihood::links_steps(noise_)) steps.report_worst(report, ResidualTest::step);
+    if (likelihood::links_steps(noise_)) return report;
+    steps.report_worst(report, ResidualTest::step);
+    if (!noise_.measurement().is_independent()) return report;
+    test_extremes(report);
+    // The errors of a step that were taken out leave its values dependent, by as many parts in n.
+    if (n >= k_values_per_error * most_errors) test_independent(report, parameters);
     return report;
   }
   if (likelihood::links_steps(noise_)) {

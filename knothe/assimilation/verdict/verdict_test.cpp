@@ -184,6 +184,47 @@ TEST(ResidualTests, MissingValuesOfCorrelatedNoiseAreIntegratedOut) {
   EXPECT_NEAR(report.misfit, residual.dot(covariance.inverse() * residual), 1e-9 * report.misfit);
 }
 
+/// A field at 300 places of a line, moved and turned as a body: what is left without the motion, at the true
+/// parameters, is as noise is, and a bend of it, no larger than the noise, is seen.
+TEST(ResidualTests, WithoutTheMotionOfAFieldItsValuesAreTested) {
+  constexpr Index n = 300;
+  model::ObservedModel field = *Bench().model;
+  field.space = MatrixXd::Zero(n, field.space.cols());
+  field.lift = MatrixXd::Zero(n, field.lift.cols());
+  MatrixXd motion(n, 2);
+  model::Sensors sensors;
+  VectorXd bend(n);
+  for (Index i = 0; i < n; ++i) {
+    const double x = 2.0 * double(i) / (n - 1) - 1;
+    sensors.add(std::array{x, 0.0, 0.0}, 1);
+    motion.row(i) << 50, 50 * x;
+    bend[i] = 0.1 * (2 * x * x - 1);
+  }
+  const likelihood::NoiseModel noise =
+      likelihood::NoiseModel::independent(VectorXd::Constant(n, 0.1)).with_step_error(0, motion);
+  ResidualTests tests(std::make_shared<const model::ObservedModel>(field), noise, sensors);
+  std::mt19937 random(1);
+  std::normal_distribution<double> normal;
+  int rare = 0, bends = 0;
+  for (int draw = 0; draw < 400; ++draw) {
+    VectorXd values = motion * Eigen::Vector2d(normal(random), normal(random));
+    for (double& value : values) value += 0.1 * normal(random);
+    const auto examined = [&](const VectorXd& v) {
+      const std::vector<likelihood::DatumPointer> data = {datum_of(0, 0, v)};
+      return tests.examine(data, VectorXd::Zero(3), 1, 2);
+    };
+    const ResidualReport report = examined(values);
+    for (const ResidualTest test : {ResidualTest::total, ResidualTest::value, ResidualTest::space_neighbours})
+      rare += report.of(test) < 0.01;
+    EXPECT_GT(report.of(report.worst(1e-6)), 1e-6);
+    bends += examined(values + bend).of(ResidualTest::space_neighbours) < 0.01;
+    values[17] += 1;
+    EXPECT_LT(examined(values).of(ResidualTest::value), 1e-4);
+  }
+  EXPECT_LT(rare, 24);  // 12 expected, and all three but approximately
+  EXPECT_GT(bends, 200);
+}
+
 TEST(Verdict, StudentTValuesAreCarriedToNormalOnes) {
   Bench bench;
   std::mt19937 random(5);

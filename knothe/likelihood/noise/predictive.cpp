@@ -1,11 +1,13 @@
 #include "knothe/likelihood/noise/predictive.hpp"
 
+#include <Eigen/Cholesky>
 #include <Eigen/SparseCholesky>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <vector>
 
+#include "knothe/base/index.hpp"
 #include "knothe/numerics/statistics/random.hpp"
 
 namespace knothe::likelihood {
@@ -66,6 +68,18 @@ Eigen::MatrixXd pointwise_log_likelihoods(const Eigen::Ref<const Eigen::MatrixXd
     logarithms.row(i) = 0.5 * (constant - weighted.row(i).array().square() / diagonal[i]);
   }
   return logarithms;
+}
+
+Eigen::VectorXd expected_step_error(const Eigen::Ref<const Eigen::VectorXd>& residual,
+                                    const GaussianNoise& noise, const Eigen::MatrixXd& factor) {
+  std::vector<Index> kept;
+  for (Index i = 0; i < residual.size(); ++i)
+    if (!std::isnan(residual[i]) && noise.is_measured(i)) kept.push_back(i);
+  const Eigen::MatrixXd f = factor(kept, Eigen::all);
+  const Eigen::MatrixXd weighted = noise.restricted(kept).apply(f);
+  const Eigen::MatrixXd information =
+      Eigen::MatrixXd::Identity(f.cols(), f.cols()) + f.transpose() * weighted;
+  return factor * information.ldlt().solve(weighted.transpose() * residual(kept));
 }
 
 }  // namespace knothe::likelihood

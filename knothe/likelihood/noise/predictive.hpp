@@ -29,4 +29,9 @@ namespace knothe::likelihood {
                                                         const GaussianNoise& noise);
 [[nodiscard]] bool can_be_split(const Eigen::Ref<const Eigen::VectorXd>& values, const GaussianNoise& noise);
 
+/// E[F z | residual], n: what the error F z of a step (`NoiseModel::with_step_error`), z ~ N(0, I), explains
+/// of the step's residual beside its noise. NaN in the residual: not measured.
+[[nodiscard]] Eigen::VectorXd expected_step_error(const Eigen::Ref<const Eigen::VectorXd>& residual,
+                                                  const GaussianNoise& noise, const Eigen::MatrixXd& factor);
+
 }  // namespace knothe::likelihood

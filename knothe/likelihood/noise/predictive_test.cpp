@@ -89,5 +89,21 @@ TEST(Predictive, AValueThatIsNotThereSaysNothing) {
   EXPECT_FALSE(can_be_split(Eigen::Vector4d(1, k_missing, 1, 1), GaussianNoise::of_covariance(covariance())));
 }
 
+/// By the joint Gaussian of error and residual: E[F z | r] = F Fᵀ (F Fᵀ + R)⁻¹ r, of the values that are
+/// there.
+TEST(Predictive, TheExpectedErrorOfAStepIsThatOfTheJointGaussian) {
+  const Eigen::MatrixXd factor{{1, 0.5}, {-0.3, 2}, {0.7, 0.1}, {1.2, -1}};
+  const Eigen::MatrixXd shape{{1, 0.2, 0, 0.1}, {0, 0.8, 0.3, 0}, {0.1, 0, 1.1, 0.2}, {0, 0.4, 0, 0.9}};
+  const Eigen::MatrixXd covariance = shape * shape.transpose();
+  const Eigen::VectorXd residual{{0.4, std::numeric_limits<double>::quiet_NaN(), -1.1, 2.5}};
+  const std::vector<Eigen::Index> there = {0, 2, 3};
+  const Eigen::MatrixXd of_error = factor * factor.transpose();
+  const Eigen::VectorXd expected =
+      of_error(Eigen::all, there) * (of_error + covariance)(there, there).inverse() * residual(there);
+  const Eigen::VectorXd found =
+      expected_step_error(residual, GaussianNoise::of_covariance(covariance), factor);
+  EXPECT_LT((found - expected).norm(), 1e-12);
+}
+
 }  // namespace
 }  // namespace knothe::likelihood

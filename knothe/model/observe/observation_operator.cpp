@@ -7,6 +7,7 @@
 #include <limits>
 #include <numeric>
 #include <optional>
+#include <utility>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/index.hpp"
@@ -75,21 +76,54 @@ struct Location {
   Eigen::VectorXd weights;
 };
 
-std::optional<Location> locate(const Mesh& mesh, const ReferenceElement& element,
-                               const Eigen::Vector3d& point) {
-  const Index k = mesh.nodes_per_cell;
-  ElementNodes x(3, k);
-  for (std::size_t cell = 0; cell < mesh.cell_count(); ++cell) {
-    const auto vertices = std::span(mesh.cells).subspan(cell * mesh.nodes_per_cell, mesh.nodes_per_cell);
-    for (Index i = 0; i < k; ++i) {
-      x.col(i) = Eigen::Map<const Eigen::Vector3d>(mesh.points.data() + 3 * vertices[i]);
+/// Finds the cell of a point; the cells' boxes are sorted by their least x, so that a search looks at a thin
+/// slice only.
+class CellFinder {
+ public:
+  CellFinder(const Mesh& mesh, const ReferenceElement& element) : mesh_(mesh), element_(element) {
+    for (Index cell = 0; cell < mesh_.cell_count(); ++cell) {
+      const ElementNodes x = nodes_of(cell);
+      const double low = x.row(0).minCoeff(), extent = x.row(0).maxCoeff() - low;
+      // A curved edge reaches beyond its nodes.
+      cells_.push_back({low - 0.25 * extent, cell});
+      widest_ = std::max(widest_, 1.5 * extent);
     }
-    if (auto weights = element.weights_at(x, point, k_match_distance)) {
-      return Location{{vertices.begin(), vertices.end()}, std::move(*weights)};
-    }
+    std::sort(cells_.begin(), cells_.end());
   }
-  return std::nullopt;
-}
+
+  /// The first cell that holds the point.
+  [[nodiscard]] std::optional<Location> locate(const Eigen::Vector3d& point) const {
+    std::optional<Location> found;
+    Index first = std::ssize(cells_);
+    auto it = std::lower_bound(cells_.begin(), cells_.end(),
+                               std::pair(point.x() - widest_ - k_match_distance, Index{0}));
+    for (; it != cells_.end() && it->first <= point.x() + k_match_distance; ++it) {
+      if (it->second >= first) continue;
+      if (auto weights = element_.weights_at(nodes_of(it->second), point, k_match_distance)) {
+        first = it->second;
+        const auto vertices = vertices_of(first);
+        found = Location{{vertices.begin(), vertices.end()}, std::move(*weights)};
+      }
+    }
+    return found;
+  }
+
+ private:
+  [[nodiscard]] std::span<const std::int64_t> vertices_of(Index cell) const {
+    return std::span(mesh_.cells).subspan(cell * mesh_.nodes_per_cell, mesh_.nodes_per_cell);
+  }
+  [[nodiscard]] ElementNodes nodes_of(Index cell) const {
+    ElementNodes x(3, mesh_.nodes_per_cell);
+    for (Index i = 0; const std::int64_t vertex : vertices_of(cell))
+      x.col(i++) = Eigen::Map<const Eigen::Vector3d>(mesh_.points.data() + 3 * vertex);
+    return x;
+  }
+
+  const Mesh& mesh_;
+  ReferenceElement element_;
+  std::vector<std::pair<double, Index>> cells_;  ///< least x, cell
+  double widest_ = 0;
+};
 
 /// "observation 3 (x component at (0.1, 0.2, 0.05))".
 std::string describe(std::size_t i, const Eigen::Vector3d& point, std::int64_t component) {
@@ -97,12 +131,19 @@ std::string describe(std::size_t i, const Eigen::Vector3d& point, std::int64_t c
                      point.x(), point.y(), point.z());
 }
 
-ReferenceElement element_of(const Mesh& mesh, const std::string& where, const std::string& observation) {
+/// Nothing for a type of cells that values are not interpolated on.
+std::optional<ReferenceElement> element_of(const Mesh& mesh) {
   const auto element = ReferenceElement::named(mesh.type);
-  if (!element || element->nodes() != static_cast<Index>(mesh.nodes_per_cell)) {
+  const Index nodes = mesh.nodes_per_cell;
+  return element && element->nodes() == nodes ? element : std::nullopt;
+}
+
+ReferenceElement element_of(const Mesh& mesh, const std::string& where, const std::string& observation) {
+  const auto element = element_of(mesh);
+  if (!element) {
     throw DataError(fmt::format(
         "{}: {} is at no dof, and there is no interpolation on {} cells with {} nodes: place it at a dof, or "
-        "use a mesh of VTK_HEXAHEDRON, VTK_TETRA, VTK_QUAD or VTK_TRIANGLE",
+        "use a mesh of hexahedra, tetrahedra, quadrilaterals or triangles, linear or quadratic",
         where, observation, mesh.type, mesh.nodes_per_cell));
   }
   return *element;
@@ -122,6 +163,7 @@ ObservationOperator::ObservationOperator(const Dofs& dofs, const std::optional<M
     throw DataError(fmt::format("{}: the model has no /dofs: it cannot be observed at points", where));
   }
   const DofFinder finder(dofs);
+  std::optional<CellFinder> cells;
   for (Index i = 0; i < std::ssize(components); ++i) {
     const std::int64_t component = components[i];
     if (component < 0 || component > 2) {
@@ -140,7 +182,8 @@ ObservationOperator::ObservationOperator(const Dofs& dofs, const std::optional<M
       throw DataError(fmt::format("{}: {} is at no dof, and the model has no mesh to interpolate on; {}",
                                   where, observation, finder.nearest(point, component)));
     }
-    const auto location = locate(*mesh, element_of(*mesh, where, observation), point);
+    if (!cells) cells.emplace(*mesh, element_of(*mesh, where, observation));
+    const auto location = cells->locate(point);
     if (!location) {
       throw DataError(fmt::format("{}: {} is outside the mesh; {}", where, observation,
                                   finder.nearest(point, component)));
@@ -173,6 +216,17 @@ Eigen::MatrixXd ObservationOperator::apply(const Eigen::Ref<const Eigen::MatrixX
     }
   }
   return observed;
+}
+
+std::vector<bool> are_inside(const Mesh& mesh, std::span<const double> points) {
+  const Index n = std::ssize(points) / 3;
+  const auto element = element_of(mesh);
+  if (!element) return std::vector<bool>(n, true);
+  const CellFinder cells(mesh, *element);
+  std::vector<bool> inside(n);
+  for (Index i = 0; i < n; ++i)
+    inside[i] = cells.locate(Eigen::Map<const Eigen::Vector3d>(points.data() + 3 * i)).has_value();
+  return inside;
 }
 
 }  // namespace knothe::model

@@ -33,4 +33,7 @@ class ObservationOperator {
   std::vector<std::vector<Entry>> rows_;
 };
 
+/// Which of `points` [n, 3] lie in a cell of the mesh; all, where there is no interpolation on its cells.
+[[nodiscard]] std::vector<bool> are_inside(const Mesh& mesh, std::span<const double> points);
+
 }  // namespace knothe::model

@@ -17,7 +17,8 @@ using files::message_of;
 using ::testing::HasSubstr;
 
 TEST(ShapeFunctions, PartitionOfUnityAndDerivatives) {
-  for (const char* name : {"VTK_TRIANGLE", "quad", "VTK_TETRA", "VTK_HEXAHEDRON"}) {
+  for (const char* name : {"VTK_TRIANGLE", "quad", "VTK_TETRA", "VTK_HEXAHEDRON", "VTK_QUADRATIC_TRIANGLE",
+                           "VTK_QUADRATIC_QUAD", "quadratic_tetra", "VTK_QUADRATIC_HEXAHEDRON"}) {
     const auto element = ReferenceElement::named(name);
     ASSERT_TRUE(element.has_value()) << name;
     const Eigen::Vector3d xi(0.2, 0.31, element->dimension() == 3 ? 0.17 : 0.0);
@@ -30,6 +31,55 @@ TEST(ShapeFunctions, PartitionOfUnityAndDerivatives) {
     }
   }
   EXPECT_FALSE(ReferenceElement::named("VTK_PYRAMID").has_value());
+}
+
+/// The nodes of VTK's documentation, and a polynomial of the second degree that their values determine.
+TEST(ShapeFunctions, QuadraticElementsHoldAQuadraticFunctionExactly) {
+  const auto function = [](const Eigen::Vector3d& x) {
+    return 1 + 2 * x[0] - x[1] + 0.5 * x[2] + x[0] * x[0] - 3 * x[0] * x[1] + 2 * x[1] * x[2] + x[2] * x[2];
+  };
+  const auto value_at = [&](const char* type, const std::vector<Eigen::Vector3d>& nodes,
+                            const Eigen::Vector3d& point) {
+    const auto element = *ReferenceElement::named(type);
+    ElementNodes x(3, element.nodes());
+    Eigen::VectorXd values(element.nodes());
+    EXPECT_EQ(std::ssize(nodes), element.nodes());
+    for (Index k = 0; k < element.nodes(); ++k) {
+      x.col(k) = nodes[k];
+      values[k] = function(nodes[k]);
+    }
+    return element.weights_at(x, point, 1e-9).value().dot(values);
+  };
+  const Eigen::Vector3d in_face(0.3, 0.4, 0), inside(0.3, 0.4, 0.2);
+  EXPECT_NEAR(value_at("VTK_QUADRATIC_TRIANGLE",
+                       {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0.5, 0, 0}, {0.5, 0.5, 0}, {0, 0.5, 0}}, in_face),
+              function(in_face), 1e-13);
+  EXPECT_NEAR(
+      value_at(
+          "VTK_QUADRATIC_QUAD",
+          {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {0.5, 0, 0}, {1, 0.5, 0}, {0.5, 1, 0}, {0, 0.5, 0}},
+          in_face),
+      function(in_face), 1e-13);
+  EXPECT_NEAR(value_at("VTK_QUADRATIC_TETRA",
+                       {{0, 0, 0},
+                        {1, 0, 0},
+                        {0, 1, 0},
+                        {0, 0, 1},
+                        {0.5, 0, 0},
+                        {0.5, 0.5, 0},
+                        {0, 0.5, 0},
+                        {0, 0, 0.5},
+                        {0.5, 0, 0.5},
+                        {0, 0.5, 0.5}},
+                       inside),
+              function(inside), 1e-13);
+  EXPECT_NEAR(
+      value_at("VTK_QUADRATIC_HEXAHEDRON",
+               {{0, 0, 0},   {1, 0, 0},   {1, 1, 0},   {0, 1, 0},   {0, 0, 1},   {1, 0, 1},   {1, 1, 1},
+                {0, 1, 1},   {0.5, 0, 0}, {1, 0.5, 0}, {0.5, 1, 0}, {0, 0.5, 0}, {0.5, 0, 1}, {1, 0.5, 1},
+                {0.5, 1, 1}, {0, 0.5, 1}, {0, 0, 0.5}, {1, 0, 0.5}, {1, 1, 0.5}, {0, 1, 0.5}},
+               inside),
+      function(inside), 1e-13);
 }
 
 TEST(ShapeFunctions, InverseMapFindsThePointOfADistortedElement) {

@@ -13,13 +13,15 @@ namespace knothe::model {
 /// Vertex coordinates, one column per node of the element.
 using ElementNodes = Eigen::Matrix3Xd;
 
-/// A cell type of VTK that can be interpolated on.
+/// Triangle, quadrilateral, tetrahedron or hexahedron.
+struct ElementFamily;
+
+/// A cell type of VTK that can be interpolated on: linear, or quadratic with a node in the middle of each
+/// edge (serendipity).
 class ReferenceElement {
  public:
-  enum class Kind { triangle, quad, tetra, hexahedron };
-
-  /// VTK's name, e.g. "VTK_HEXAHEDRON" (case and the prefix do not matter); nothing for a type not known
-  /// here.
+  /// VTK's name, e.g. "VTK_HEXAHEDRON", "VTK_QUADRATIC_TETRA" (case and the prefix do not matter); nothing
+  /// for a type not known here.
   [[nodiscard]] static std::optional<ReferenceElement> named(const std::string& vtk_name);
 
   [[nodiscard]] Index nodes() const;
@@ -37,9 +39,10 @@ class ReferenceElement {
                                                           double tolerance) const;
 
  private:
-  explicit ReferenceElement(Kind kind) : kind_(kind) {}
-  [[nodiscard]] bool simplex() const { return kind_ == Kind::triangle || kind_ == Kind::tetra; }
-  Kind kind_;
+  ReferenceElement(const ElementFamily& family, bool quadratic) : family_(&family), quadratic_(quadratic) {}
+
+  const ElementFamily* family_;
+  bool quadratic_;
 };
 
 }  // namespace knothe::model

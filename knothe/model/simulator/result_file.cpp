@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <filesystem>
 
 #include "knothe/base/error.hpp"
@@ -157,7 +158,7 @@ std::optional<Mesh> mesh_of(const files::VtuContents& grid) {
   const files::VtkCell cell = files::vtk_cell(grid.types[0]);
   const bool is_one_kind = std::all_of(grid.types.begin(), grid.types.end(),
                                        [&](std::int64_t type) { return type == grid.types[0]; });
-  if (!is_one_kind || cell.points == 0 || grid.connectivity.size() != cell.points * grid.types.size())
+  if (!is_one_kind || cell.points < 3 || grid.connectivity.size() != cell.points * grid.types.size())
     return std::nullopt;
   return Mesh{grid.points, grid.connectivity, cell.points, cell.name};
 }
@@ -192,15 +193,18 @@ Snapshots from_pvd(const ResultOptions& options, const std::string& path) {
   return solution;
 }
 
-/// Bricks of eight nodes or tetrahedra of four, if there is nothing else.
+/// CalculiX' numbers of element types are 1 to 10. Of its quadratic bricks the vertical edges come before
+/// those on top, in VTK the other way round.
 std::optional<Mesh> mesh_of(const files::FrdContents& contents) {
   if (contents.cells.empty()) return std::nullopt;
+  static constexpr std::array<int, 11> vtk = {0, 12, 13, 10, 25, 0, 24, 5, 22, 9, 23};
   const int type = contents.cells[0].type;
-  const files::VtkCell cell = files::vtk_cell(type == 1 ? 12 : type == 3 ? 10 : 0);
+  const files::VtkCell cell = files::vtk_cell(type > 0 && type < std::ssize(vtk) ? vtk[type] : 0);
   Mesh mesh{contents.points, {}, cell.points, cell.name};
-  for (const auto& other : contents.cells) {
-    if (cell.points == 0 || other.type != type || other.nodes.size() != cell.points) return std::nullopt;
-    mesh.cells.insert(mesh.cells.end(), other.nodes.begin(), other.nodes.end());
+  for (auto [other, nodes] : contents.cells) {
+    if (cell.points == 0 || other != type || nodes.size() != cell.points) return std::nullopt;
+    if (cell.points == 20) std::rotate(nodes.begin() + 12, nodes.begin() + 16, nodes.end());
+    mesh.cells.insert(mesh.cells.end(), nodes.begin(), nodes.end());
   }
   return mesh;
 }

@@ -55,8 +55,8 @@ void add_residuals(Page& page, const record::Results& results, const nlohmann::o
   page.figures(figures,
                "Residual: measured minus predicted, in standard deviations of the prediction with its noise. "
                "If only noise is left, the dots have no trend, 95 % of them lie within ±2, their quantiles "
-               "are on the line, and the maps show no pattern. (Camera motion that is removed from pictures "
-               "is still contained in the residuals.)");
+               "are on the line, and the maps show no pattern. (The motion of exported fields is taken out; "
+               "that of pictures is contained.)");
   if (signals > k_max_signals) page.note(fmt::format("Only the first {} signals are drawn.", k_max_signals));
 }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "knothe/numerics/statistics/order_statistics.hpp"
+#include "knothe/record/forecast_text.hpp"
 #include "knothe/record/number_text.hpp"
 #include "knothe/report/data/words.hpp"
 #include "knothe/report/pages/assimilation_report.hpp"
@@ -29,14 +30,8 @@ std::string with_unit(const std::string& number, const std::string& unit) {
   return unit.empty() ? number : number + " " + unit;
 }
 
-/// A quantile to the decimals that its standard deviation makes worth reading.
-std::string to_decimals(double value, double std) {
-  const std::string text = record::with_uncertainty(value, std);
-  return text.substr(0, text.find(" ±"));
-}
-
 std::string interval(double low, double high, double std) {
-  return to_decimals(low, std) + " … " + to_decimals(high, std);
+  return record::to_decimals_of(std, low) + " … " + record::to_decimals_of(std, high);
 }
 
 /// Of a parameter: with the reduced model's own error, where the verdict knows it.
@@ -50,22 +45,19 @@ TableRow parameter_row(const record::Results& results, std::size_t d) {
   const record::ParameterSummary& p = results.parameters[d];
   const record::Step& last = results.steps.back();
   const double std = total_std(results, d);
-  const bool is_physical = !p.reference || *p.reference == 1;
   const std::string units = pretty_units(p.units);
   TableRow row{{parameter_label(p), record::with_uncertainty(last.mean[d], std)}};
   if (last.quantiles.cols() > 1)
     row.cells.push_back(interval(last.quantiles(d, 0), last.quantiles(d, last.quantiles.cols() - 1), std));
   else
     row.cells.push_back(interval(last.mean[d] - 1.96 * std, last.mean[d] + 1.96 * std, std));
-  row.cells.push_back(is_physical ? with_unit(record::with_uncertainty(last.mean[d], std), units)
-                                  : with_unit(record::with_uncertainty(*p.reference * last.mean[d],
-                                                                       std::abs(*p.reference) * std),
-                                              units));
+  const double reference = p.reference.value_or(1);
+  row.cells.push_back(record::value_text(reference * last.mean[d], std::abs(reference) * std, units));
   if (p.truth) {
     const double distance = std > 0 ? std::abs(last.mean[d] - *p.truth) / std : 0.0;
     row.cells.push_back(fmt::format("{}, {:.1f} σ away", record::plain(*p.truth), distance));
   } else {
-    row.cells.push_back(to_decimals(last.maximum_a_posteriori[d], std));
+    row.cells.push_back(record::to_decimals_of(std, last.maximum_a_posteriori[d]));
   }
   return row;
 }

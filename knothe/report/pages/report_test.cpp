@@ -35,6 +35,10 @@ TEST(Text, NumbersForPeople) {
   EXPECT_EQ(record::with_uncertainty(1.0432, 0.0412), "1.043 ± 0.041");
   EXPECT_EQ(record::with_uncertainty(37.2345, 1.26), "37.2 ± 1.3");
   EXPECT_EQ(record::with_uncertainty(-2.0, 0.0), "−2.000 ± 0");
+  EXPECT_EQ(record::with_uncertainty(12345, 678), "12345 ± 678");
+  EXPECT_EQ(record::with_uncertainty(2.0022e11, 1.71e9), "(2.002 ± 0.017)·10¹¹");
+  EXPECT_EQ(record::to_decimals_of(1.71e9, 1.9692e11), "1.969·10¹¹");
+  EXPECT_EQ(record::to_decimals_of(0.0412, 1.0432), "1.043");
   EXPECT_EQ(record::plain(0.3), "0.3");
   EXPECT_EQ(record::plain(25.0), "25");
   EXPECT_EQ(record::plain(-1200.0), "−1200");
