@@ -111,12 +111,13 @@ export function marginalSpec(record: Assimilation, k: number, chosen: number, th
     .slice(0, chosen + 1)
     .flatMap((l) => (p && l.marginals?.[p.name] ? [{ step: l.step, density: l.marginals[p.name]! }] : []));
   if (!p || steps.length === 0) return undefined;
+  const scale = scaleFor(parameterMeaning(p), support(steps.map((s) => s.density))[1]);
   const spec = densitySpec(
     {
       name: `marginal ${p.name}`,
-      xLabel: axisLabel(pretty(p.name), parameterMeaning(p) || "–"),
-      factor: 1,
-      units: "",
+      xLabel: axisLabel(pretty(p.name), scale.units || "–"),
+      factor: scale.factor,
+      units: scale.factor === 1 ? "" : scale.units,
       steps,
       prior: record.summary.prior_marginals?.[p.name],
     },
@@ -124,7 +125,7 @@ export function marginalSpec(record: Assimilation, k: number, chosen: number, th
   );
   return p.truth === undefined
     ? spec
-    : { ...spec, vertical: [{ at: p.truth, label: "true value", colour: theme.red, dash: [6, 4] }] };
+    : { ...spec, vertical: [{ at: p.truth * scale.factor, label: "true value", colour: theme.red, dash: [6, 4] }] };
 }
 
 export function forecastDensitySpec(
