@@ -154,6 +154,10 @@ class Test(Case):
         columns.append([0.02 * degree * a for x, y in POINTS for a in (middle[1] - y, x - middle[0])])
         lines = self.assimilate()
         self.expect_agreement(lines, self.judged(columns))
+        # With a motion towards the camera besides.
+        self.declare(declared.replace("[2e-5, 0.02]", "[2e-5, 0.02, 3e-4]"))
+        columns.append([3e-4 * a for x, y in POINTS for a in (x - middle[0], y - middle[1])])
+        self.expect_agreement(self.assimilate(), self.judged(columns))
         # Without it the pictures contradict the model.
         self.declare(declared.replace("motion_std = [2e-5, 0.02]\n", ""))
         self.assertEqual(self.assimilate(status=8)[-1]["verdict"]["level"], "reject")
@@ -220,13 +224,14 @@ class Test(Case):
                 ('lost = ["sigma"]\n', 3, ["COLUMN < NUMBER"]),
                 ('[data.fields.columns]\nw = "W"\n', 3, ['"w" is none of x, y, u, v, id']),
                 ('[data.fields.series]\nreaction_force = "Stroke"\n', 3, ['state "Stroke"']),
+                ("motion_std = [1e-5]\n", 3, ['"data.fields.motion_std" must be [m, degrees] or [m, degrees, relative], none negative']),
                 ("region = [1, 1, 2, 2]\n", 4, ["no point is in data.fields.region"])):
             self.declare(self.VIC + add)
             self.expect(status, "assimilate", self.project_name, stderr=texts)
         self.declare(self.VIC.replace('"dic"', '"dic/*.txt"'))
         self.expect(4, "assimilate", self.project_name, stderr="dic/*.txt: no file is there")
         self.declare(self.VIC.replace("[120, 50]", "[0, 0]"))
-        self.expect(4, "assimilate", self.project_name, stderr="outside")
+        self.expect(4, "assimilate", self.project_name, stderr=["dic: 17 of 27 points lie outside the model's mesh: check data.fields.points", "data.fields.region"])
 
     def test_the_page_works_as_it_stands(self):
         page = (REPOSITORY / "docs/how-to/fields-of-other-programs.md").read_text()

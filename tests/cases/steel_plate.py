@@ -65,6 +65,8 @@ class Test(Case):
             self.assertAlmostEqual(found[name][1], std, delta=0.02 * std)
         self.assertEqual(verdict["level"], "reject")
         self.assertIn("the values of x do not fit the model", verdict["reasons"][0]["message"])
+        self.rewrite("plate.toml", (r"(?m)^region = .*\n", ""))
+        self.assertRegex(self.expect(0, "check", self.project_name).out, r"not used, as they lie outside the model's mesh: \d+ of 5475 points")
 
     def test_the_example_is_as_the_page_says(self):
         self.make_model()
