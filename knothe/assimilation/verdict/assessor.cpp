@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <boost/math/distributions/students_t.hpp>
 #include <cmath>
+#include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -40,6 +42,20 @@ bool has_cause(const Verdict& verdict) {
   return std::any_of(verdict.reasons.begin(), verdict.reasons.end(), [](const VerdictReason& reason) {
     return reason.cause && *reason.cause != MisfitCause::unknown;
   });
+}
+
+/// Where a few values stand out and the others fit: in words, else nothing.
+std::optional<std::string> few_that_stand_out(const ResidualReport& report, double limit) {
+  constexpr double k_far = 4.5, k_max_share = 0.01;
+  const Eigen::ArrayXXd size = report.scores.array().abs();
+  const double values = (size > 0).count(), far = (size > k_far).count();
+  if (far == 0 || far > std::max(1.0, k_max_share * values) || far == values) return std::nullopt;
+  const double others = (size > k_far).select(0.0, size).square().sum();
+  if (numerics::chi_squared_upper(others, values - far) < limit) return std::nullopt;
+  return fmt::format(
+      "{} of {} values stand out, by up to {:.3g} standard deviations, and the others fit: find out what is "
+      "wrong there, or leave them out (method.gate; of exported fields data.fields.outliers)",
+      far, values, size.maxCoeff());
 }
 
 }  // namespace
@@ -240,9 +256,12 @@ void Assessor::assess_fit(const AssessedPosterior& posterior, std::span<const li
     const Diagnosis found =
         diagnose(*model_, tests_, priors_, examined, posterior.update.mean, report, options_.fit_caution);
     reason.cause = found.cause;
+    const auto few =
+        found.cause == MisfitCause::unknown ? few_that_stand_out(report, options_.fit_caution) : std::nullopt;
     if (found.cause == MisfitCause::noise_level) grave = found.factor > 1.5;
     if (!is_about_noise(worst) || found.cause != MisfitCause::unknown)
-      reason.message += (reason.message.find(": ") == std::string::npos ? ": " : "; ") + found.message;
+      reason.message +=
+          (reason.message.find(": ") == std::string::npos ? ": " : "; ") + few.value_or(found.message);
   }
   if (grave) reason.level = VerdictLevel::reject;
   verdict.add(std::move(reason));

@@ -225,6 +225,17 @@ TEST(ResidualTests, WithoutTheMotionOfAFieldItsValuesAreTested) {
   EXPECT_GT(bends, 200);
 }
 
+TEST(Verdict, AFewValuesThatStandOutAreNoFaultOfTheModel) {
+  Bench bench;
+  bench.data(5, 10) += 1.0;
+  bench.data(17, 20) -= 0.9;
+  const std::string text = verdict_text(bench.verdict());
+  EXPECT_NE(text.find("2 of 720 values stand out, by up to "), std::string::npos) << text;
+  EXPECT_NE(text.find("and the others fit: find out what is wrong there"), std::string::npos) << text;
+  bench.data.row(5).array() += 1.0;
+  EXPECT_EQ(verdict_text(bench.verdict()).find("stand out"), std::string::npos);
+}
+
 TEST(Verdict, StudentTValuesAreCarriedToNormalOnes) {
   Bench bench;
   std::mt19937 random(5);
