@@ -8,6 +8,7 @@
 #include <numeric>
 
 #include "knothe/assimilation/monitor/model_selection.hpp"
+#include "knothe/assimilation/update/structure_changes.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -28,7 +29,8 @@ ModelSupervision::ModelSupervision(std::shared_ptr<const model::ObservedModel> m
       learns_(options.learn_bias || mode_ != likelihood::BiasCorrectionMode::off),
       is_joint_(options.bias.way == likelihood::BiasOptions::Way::joint),
       sizes_(options.bias.sizes),
-      prior_(likelihood::prior_functions(*model_->functions, *transform_)) {
+      prior_(likelihood::prior_functions(*model_->functions, *transform_)),
+      has_milestones_(!learns_ && !StructureChanges(options).possible()) {
   initial_.corrected = mode_ == likelihood::BiasCorrectionMode::on;
   // Any of the sums may ring the alarm: each does it so much more seldom.
   const std::size_t count = 1 + 2 * transform_->dimension();
@@ -53,28 +55,51 @@ ModelSupervision::ModelSupervision(std::shared_ptr<const model::ObservedModel> m
 void ModelSupervision::restart() {
   state_ = initial_;
   saved_.clear();
+  milestones_.clear();
   forgotten_.reset();
   forget_posterior();
 }
 
 void ModelSupervision::save(std::size_t step) {
-  saved_.insert_or_assign(step, Saved{state_, points_, is_known_});
+  Saved now{state_, points_, is_known_};
+  if (has_milestones_ && milestones_.wants(step)) milestones_.save(step, now);
+  saved_.insert_or_assign(step, std::move(now));
   if (saved_.size() <= k_remembered) return;
   forgotten_ = saved_.begin()->first;
   saved_.erase(saved_.begin());
 }
 
+/// Further back than the last that are kept.
+bool ModelSupervision::is_far_back(std::size_t step) const {
+  return forgotten_ && *forgotten_ >= step;
+}
+
 bool ModelSupervision::remembers(std::size_t step) const {
-  return !(forgotten_ && *forgotten_ >= step) && saved_.lower_bound(step) != saved_.end();
+  return is_far_back(step) ? milestones_.last_up_to(step) != nullptr
+                           : saved_.lower_bound(step) != saved_.end();
+}
+
+void ModelSupervision::set_state(const Saved& saved) {
+  state_ = saved.state;
+  points_ = saved.points;
+  current_ = points_.weights.size() == 0 ? prior_ : likelihood::functions_at(*model_->functions, points_);
+  is_known_ = saved.is_known;
 }
 
 std::size_t ModelSupervision::restore(std::size_t step) {
+  milestones_.forget_after(step);
+  if (is_far_back(step)) {
+    const auto* milestone = milestones_.last_up_to(step);
+    assert(milestone != nullptr);
+    set_state(milestone->second);
+    saved_.clear();
+    forgotten_.reset();
+    if (milestone->first > 0) forgotten_ = milestone->first - 1;
+    return milestone->first;
+  }
   const auto it = saved_.lower_bound(step);
   assert(it != saved_.end());
-  state_ = it->second.state;
-  points_ = it->second.points;
-  current_ = points_.weights.size() == 0 ? prior_ : likelihood::functions_at(*model_->functions, points_);
-  is_known_ = it->second.is_known;
+  set_state(it->second);
   const std::size_t found = it->first;
   saved_.erase(it, saved_.end());
   return found;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "knothe/assimilation/monitor/evidence_monitor.hpp"
+#include "knothe/assimilation/update/milestones.hpp"
 #include "knothe/assimilation/update/update_options.hpp"
 #include "knothe/assimilation/update/update_result.hpp"
 #include "knothe/likelihood/discrepancy/joint_discrepancy.hpp"
@@ -40,12 +41,14 @@ class ModelSupervision {
 
   /// No data; what is to be corrected by hand stays.
   void restart();
-  /// Remembers the state before `step`; the last `k_remembered` of them are kept.
+  /// Remembers the state before `step`; the last `k_remembered` of them are kept, and milestones of those
+  /// before where no step is changed by later ones.
   void save(std::size_t step);
-  /// Whether `restore` finds the state before `step`, or before the first step after it that was saved.
+  /// Whether `restore` finds the state before `step`, before the first step after it that was saved, or
+  /// before an earlier one.
   [[nodiscard]] bool remembers(std::size_t step) const;
-  /// The state before `step`, or before the first step after it that is remembered; that step. The posterior
-  /// before it is that state's too.
+  /// The state before `step`, or before the first step after it that is remembered, or, further back, of a
+  /// milestone before it; that step. The posterior before it is that state's too.
   std::size_t restore(std::size_t step);
 
   /// Goes back to the state before `onset`, or, where the bias is unknown together with the parameters and
@@ -128,8 +131,12 @@ class ModelSupervision {
   posterior::FewPoints points_;  ///< as of `Saved`
   bool is_known_ = true;         ///< current_ is the posterior before the next datum
   State initial_, state_;
+  [[nodiscard]] bool is_far_back(std::size_t step) const;
+  void set_state(const Saved& saved);
   std::map<std::size_t, Saved> saved_;
   std::optional<std::size_t> forgotten_;  ///< the last step that was saved and is so no longer
+  bool has_milestones_;
+  Milestones<Saved> milestones_;
 };
 
 }  // namespace knothe::assimilation

@@ -140,7 +140,9 @@ const UpdateResult& SequentialUpdate::compute(std::size_t step, bool every) {
   const auto last = store_.find(step);
   auto& steps = store_.steps();
   // Also where `step` is summed up, but only on the way back from a later one.
-  if (summed_ && (*summed_ > step || previewed_ || result_.weights.size() == 0)) rewind(step);
+  const bool is_lost = previewed_ || result_.weights.size() == 0;
+  if (summed_ && (*summed_ > step || (is_lost && (*summed_ == step || posteriors_depend_on_earlier()))))
+    rewind(step);
   // In the order of the steps, so that the sums are those of data that came in that order, to the bit.
   auto it = summed_ ? steps.upper_bound(*summed_) : steps.begin();
   for (const auto end = std::next(last); it != end; ++it) {
@@ -166,10 +168,15 @@ const UpdateResult& SequentialUpdate::preview(std::size_t step) {
   if (posteriors_depend_on_earlier()) return posterior_at(step);
   apply_changes();
   const auto last = store_.find(step);
-  const likelihood::FormSums followed =
-      std::exchange(sums_, likelihood::FormSums::zero(sums_.form.linear.size()));
+  const likelihood::FormSums followed = sums_;
+  auto it = store_.steps().begin();
+  if (summed_ && *summed_ < step && store_.steps().at(*summed_).log_evidence) {
+    it = store_.steps().upper_bound(*summed_);
+  } else {
+    restart_sums();
+  }
   try {
-    for (auto it = store_.steps().begin(); it != std::next(last); ++it) {
+    for (; it != std::next(last); ++it) {
       sums_.add(it->second);
       const bool before_last = std::next(it) == last && !it->second.log_evidence;
       if (before_last || it == last) solve(it->first);
@@ -179,7 +186,7 @@ const UpdateResult& SequentialUpdate::preview(std::size_t step) {
     throw;
   }
   sums_ = followed;
-  previewed_ = true;
+  previewed_ = true;  // result_ is not of `summed_`
   return result_;
 }
 
@@ -201,6 +208,7 @@ void SequentialUpdate::assimilate(std::size_t step) {
   const auto start = monotonic_now();
   likelihood::StoredStep& stored = store_.steps().at(step);
   supervision_.save(step);
+  if (!posteriors_depend_on_earlier() && sums_before_.wants(step)) sums_before_.save(step, sums_);
   if (changes_.possible()) {
     changes_.save(step, sums_);
     forget(step);
@@ -236,6 +244,7 @@ void SequentialUpdate::solve(std::size_t step) {
   result_.time = stored.time;
   result_.used = stored.form.used;
   result_.missing = stored.form.missing;
+  previewed_ = false;
   solver_.set(sums_, supervision_.shares());
   solver_.solve(stored.assimilated(), result_, result_.elapsed_us);
   result_.log_evidence += sums_.forgotten;
@@ -321,7 +330,7 @@ void SequentialUpdate::rewind(std::size_t step) {
   if (changes_.possible()) {
     restore_sums(found);
   } else {
-    go_back_before(step);
+    go_back_before(std::min(found, step));
   }
   result_ = {};
   previewed_ = false;
@@ -332,8 +341,15 @@ void SequentialUpdate::go_back_before(std::size_t step) {
   restart_sums();
   solver_.restart();
   summed_.reset();
-  const auto end = store_.steps().lower_bound(step);
-  for (auto it = store_.steps().begin(); it != end; ++it) {
+  auto& steps = store_.steps();
+  auto it = steps.begin();
+  sums_before_.forget_after(step);
+  if (const auto* milestone = sums_before_.last_up_to(step)) {
+    sums_ = milestone->second;
+    it = steps.lower_bound(milestone->first);
+    if (it != steps.begin()) summed_ = std::prev(it)->first;
+  }
+  for (const auto end = steps.lower_bound(step); it != end; ++it) {
     sums_.add(it->second);
     summed_ = it->first;
     if (solver_.is_sequential()) solve(it->first);
@@ -357,6 +373,7 @@ void SequentialUpdate::restart() {
   changes_.restart();
   solver_.restart();
   restart_sums();
+  sums_before_.clear();
   supervision_.restart();
   summed_.reset();
   followed_ = true;

@@ -51,7 +51,8 @@ class SequentialUpdate {
   void withdraw(std::size_t step, const likelihood::DatumKey& key);
   /// The posterior of all data up to `step`, as if nothing later had come: to the bit what `update` gives
   /// when all came in order, and result() is then that. After a change it goes on from the first step
-  /// changed, whose state before is remembered (the last 256 steps'; otherwise from the first step).
+  /// changed, or a little before it where that is further back than 256 steps; where posteriors follow from
+  /// earlier ones, it may begin again from the first.
   /// UsageError for a step that is not there.
   const UpdateResult& posterior_at(std::size_t step);
   /// The same without the posteriors of earlier steps, where none depends on them: the monitor then does not
@@ -119,7 +120,8 @@ class SequentialUpdate {
   StructureChanges changes_;
   bool restart_on_alarm_;
 
-  likelihood::FormSums sums_;             ///< of the steps up to `summed_`
+  likelihood::FormSums sums_;  ///< of the steps up to `summed_`
+  Milestones<likelihood::FormSums> sums_before_;
   std::optional<std::size_t> summed_;     ///< the step that result_ is of
   bool followed_ = true;                  ///< the monitor has judged every step up to `summed_`
   bool previewed_ = false;                ///< result_ is of another step than `summed_`

@@ -288,6 +288,41 @@ TEST(SequentialUpdate, DataAddedInAnyOrderGiveThePosteriorOfEveryStep) {
   }
 }
 
+TEST(SequentialUpdate, ADatumFarBackIsAsIfItHadComeInOrder) {
+  const Eigen::Index n = 3;
+  const std::size_t steps = 450, late = 100;  // further back than every step is remembered
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), n, 4, steps, 33);
+  const Eigen::VectorXd std = Eigen::VectorXd::Constant(n, 6.0);
+  const Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector2d(1.0, 1.2), std, 4);
+  const auto update_without = [&](std::optional<std::size_t> left_out) {
+    SequentialUpdate update(model, likelihood::NoiseModel::independent(std), papers_priors(), {});
+    for (std::size_t t = 0; t < steps; ++t)
+      if (t != left_out) update.add(likelihood::test::datum(t, data.col(static_cast<Eigen::Index>(t))), t);
+    return update;
+  };
+  const auto results = [&](SequentialUpdate& update) {
+    std::vector<UpdateResult> found;
+    for (std::size_t t = late + 1; t < steps; ++t) found.push_back(update.posterior_at(t));
+    return found;
+  };
+  const auto expect_same = [&](const std::vector<UpdateResult>& a, const std::vector<UpdateResult>& b) {
+    for (std::size_t k = 0; k < a.size(); ++k) {
+      EXPECT_TRUE(identical(a[k], b[k])) << k;
+      EXPECT_EQ(a[k].points, b[k].points) << k;
+      EXPECT_EQ(a[k].monitor.cumulative_sum, b[k].monitor.cumulative_sum) << k;
+    }
+  };
+  SequentialUpdate all = update_without(std::nullopt), update = update_without(late);
+  const auto with = results(all), without = results(update);
+  update.add(likelihood::test::datum(late, data.col(late)), late);
+  EXPECT_EQ(update.preview(steps - 1).mean, with.back().mean);
+  expect_same(results(update), with);
+  update.withdraw(late, {});
+  EXPECT_EQ(update.preview(steps - 1).mean, without.back().mean);
+  expect_same(results(update), without);
+}
+
 TEST(SequentialUpdate, AValueInTheWrongUnitIsRefusedByName) {
   const auto model =
       likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), 4, 3, 2, 3);

@@ -154,6 +154,8 @@ void Assessor::test_constancy(const AssessedPosterior& posterior,
   const ParameterChange change =
       find_parameter_change(posterior.all_data->blocks, posterior.functions.mean - central_,
                             posterior.functions.tangent, posterior.update.noise_level.value_or(1.0));
+  if (change.probability >= options_.fit_caution)  // nobody asks where: data are not counted through
+    return report.set(ResidualTest::constancy, change.probability);
   std::size_t first = 0;  // datum after the change
   for (std::size_t steps = 0; first < data.size(); ++first) {
     const bool is_new = first == 0 || data[first]->step != data[first - 1]->step;

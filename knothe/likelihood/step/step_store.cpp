@@ -128,25 +128,44 @@ void StepStore::restore_noise(std::size_t index, StoredStep& step) {
   set_noise(index, step, step.data.size() == 1 ? step.data.begin()->second.datum->noise : std::nullopt);
 }
 
+/// Whether G is that of all complete data of the step.
+bool StepStore::shares_quadratic(const ProjectedForm& projected) const {
+  return projected.form.missing == 0 && !projected.datum->noise && !projector_.depends_on_order();
+}
+
+/// Another datum comes to the step's one, whose G stands in the sum alone.
+void StepStore::separate_quadratic(StoredStep& step) {
+  ProjectedForm& only = step.data.begin()->second;
+  if (only.form.quadratic.size() > 0) return;
+  Eigen::MatrixXd& own = shares_quadratic(only) ? step.complete_quadratic : only.form.quadratic;
+  if (own.size() == 0) own = step.form.quadratic;
+}
+
 void StepStore::store(StoredStep& step, DatumPointer datum, Projected projected) {
-  StepForm& form = projected.form;
+  const DatumKey key = datum->key;
+  ProjectedForm stored{std::move(datum), std::move(projected.form)};
   step.moved = std::move(projected.moved);
   step.lasting_errors = projector_.lasting_errors();
+  if (step.data.size() == 1 && step.data.contains(key)) step.data.clear();  // it takes that one's place
+  if (step.data.empty()) {
+    step.form = stored.form;
+    stored.form.quadratic.resize(0, 0);
+    step.data.emplace(key, std::move(stored));
+    return;
+  }
+  if (step.data.size() == 1) separate_quadratic(step);
   // The sum goes on where the datum comes last; otherwise it is made again when it is asked for: a replay of
   // n data in any order costs n additions, not n²/2.
-  if (step.data.empty()) {
-    step.form = form;
-  } else if (step.data.rbegin()->first < datum->key && is_summed(step)) {
-    step.form.add(form);
+  if (step.data.rbegin()->first < key && is_summed(step)) {
+    step.form.add(stored.form);
   } else {
     step.form.quadratic.resize(0, 0);
   }
-  if (form.missing == 0 && !datum->noise && !projector_.depends_on_order()) {
-    if (step.complete_quadratic.size() == 0) step.complete_quadratic = std::move(form.quadratic);
-    form.quadratic.resize(0, 0);
+  if (shares_quadratic(stored)) {
+    if (step.complete_quadratic.size() == 0) step.complete_quadratic = std::move(stored.form.quadratic);
+    stored.form.quadratic.resize(0, 0);
   }
-  const DatumKey key = datum->key;
-  step.data.insert_or_assign(key, ProjectedForm{std::move(datum), std::move(form)});
+  step.data.insert_or_assign(key, std::move(stored));
 }
 
 /// Where data share an error the form of each depends on those before it: all are made again, in order.

@@ -17,7 +17,7 @@ namespace knothe::likelihood {
 /// A datum and what was made of it.
 struct ProjectedForm {
   DatumPointer datum;
-  StepForm form;  ///< G only where it is its own: `StoredStep::complete_quadratic`
+  StepForm form;  ///< G only where it is its own, beside others: `StoredStep`
 };
 
 /// The data of a step: their form, and how it is assimilated.
@@ -26,8 +26,8 @@ struct StoredStep {
   double time = 0;
   std::map<DatumKey, ProjectedForm> data;
   Eigen::MatrixXd
-      complete_quadratic;  ///< G of complete data with the sensors' noise; empty if there were none
-  StepForm form;           ///< sum of the data's in the order of their keys
+      complete_quadratic;  ///< G of complete data with the sensors' noise, where there were several data
+  StepForm form;  ///< sum of the data's in the order of their keys; of one datum its G, kept here alone
   /// Of the step's one datum, where a discrepancy meets errors that steps share.
   std::optional<MovedForm> moved;
   ConditionalStates lasting_errors;  ///< given all data up to this step (`DatumProjector`)
@@ -94,6 +94,8 @@ class StepStore {
     std::optional<MovedForm> moved;
   };
   [[nodiscard]] Projected project(StoredStep& step, const Datum& datum);
+  [[nodiscard]] bool shares_quadratic(const ProjectedForm& projected) const;
+  void separate_quadratic(StoredStep& step);
   void store(StoredStep& step, DatumPointer datum, Projected projected);
   void project_again();
   void set_noise(std::size_t index, StoredStep& step, const std::optional<GaussianNoise>& noise);

@@ -2,9 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "knothe/base/error.hpp"
 #include "knothe/likelihood/testing/test_models.hpp"
@@ -75,6 +78,43 @@ TEST_F(StepStoreTest, AStepTakenOutLeavesNoTrace) {
     EXPECT_EQ(all.steps().at(0).log_evidence, -1);  // of the data before it
     EXPECT_FALSE(all.steps().at(3).log_evidence);
   }
+}
+
+/// Complete, incomplete and with a noise of its own: G of each is its own or that of all complete ones.
+TEST_F(StepStoreTest, AStepOfSeveralDataIsTheSumOfTheirFormsHoweverTheyCameAndWent) {
+  std::vector<DatumPointer> all;
+  for (std::int64_t k = 0; k < 5; ++k) {
+    Datum datum{{"s", "", k}, 0, 0, data.col(k % 4), std::nullopt};
+    if (k == 1 || k == 3) datum.values[k] = std::numeric_limits<double>::quiet_NaN();
+    if (k == 2) datum.noise = GaussianNoise::independent(2 * std);
+    all.push_back(std::make_shared<const Datum>(datum));
+  }
+  const auto form_of = [&](const std::vector<std::size_t>& kept, const std::vector<std::size_t>& withdrawn) {
+    StepStore store = make(false);
+    for (const std::size_t k : kept) store.add(all[k], 0);
+    for (const std::size_t k : withdrawn) store.withdraw(0, all[k]->key);
+    (void)store.update_forms();
+    return store.steps().at(0).form;
+  };
+  std::vector<StepForm> alone;
+  for (const std::size_t k : {0u, 1u, 2u, 3u, 4u}) alone.push_back(form_of({k}, {}));
+  StepForm sum = alone[0];
+  for (const std::size_t k : {1u, 2u, 3u, 4u}) sum.add(alone[k]);
+  std::vector<std::size_t> order = {0, 1, 2, 3, 4};
+  do {
+    EXPECT_TRUE(same(form_of(order, {}), sum));
+    for (const std::size_t last : order) {
+      std::vector<std::size_t> others = order;
+      std::erase(others, last);
+      EXPECT_TRUE(same(form_of(order, others), alone[last])) << last;
+      StepStore store = make(false);  // the one that is left is joined by the others again
+      for (const std::size_t k : order) store.add(all[k], 0);
+      for (const std::size_t k : others) store.withdraw(0, all[k]->key);
+      for (const std::size_t k : others) store.add(all[k], 0);
+      (void)store.update_forms();
+      EXPECT_TRUE(same(store.steps().at(0).form, sum)) << last;
+    }
+  } while (std::next_permutation(order.begin(), order.end()));
 }
 
 TEST_F(StepStoreTest, RefusesWhatIsNotThereAndWhatCannotBe) {

@@ -15,6 +15,7 @@ namespace knothe::service {
 namespace {
 
 constexpr double k_look_every = 0.1, k_try_every = 1;  // s
+constexpr double k_max_frame = 60;                     // s; a camera that takes longer for one hangs
 constexpr const char* k_times = "pictures.csv";
 /// Of alarms that hold until it is over.
 constexpr const char* k_away = "camera is away";
@@ -35,6 +36,7 @@ CameraWatch::CameraWatch(std::shared_ptr<Site> site, Metrics& metrics, Open open
       intake_(site_, [this](double seconds) { return wait(seconds); }) {
   for (const char* what : {"frames", "incomplete_frames", "lost_frames", "reconnects"}) count(what, 0);
   metrics_.set("knothe_camera_connected", site_labels(site_->name()), 0);
+  pulse_ = site_->health().pulses().add("the watch of the camera", k_max_frame);
   thread_ = std::thread([this] { run(); });
 }
 
@@ -47,7 +49,9 @@ CameraWatch::~CameraWatch() {
   thread_.join();
 }
 
+/// Of the thread alone: who waits for others is alive.
 bool CameraWatch::wait(double seconds) {
+  pulse_->beat();
   std::unique_lock lock(mutex_);
   return !end_.wait_for(lock, std::chrono::duration<double>(seconds), [&] { return ending_; });
 }
@@ -63,6 +67,7 @@ void CameraWatch::run() {
     if (!wait(k_look_every)) return;
   numbers_ = FrameNumbers(last_in_journal());
   prepare_folder();
+  pulse_->beat();
   do {
     try {
       if (!source_) connect();

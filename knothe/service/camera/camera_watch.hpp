@@ -61,6 +61,7 @@ class CameraWatch {
   std::mutex mutex_;
   std::condition_variable end_;
   bool ending_ = false;
+  std::shared_ptr<Pulse> pulse_;
   std::thread thread_;
 };
 

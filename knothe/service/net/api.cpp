@@ -155,8 +155,8 @@ class SiteEvents final : public EventSource {
         seen_(seen),
         alarms_seen_(seen),
         entries_seen_(site_->logbook().last_number()) {}
-  /// Lines that come first, each with its id.
-  using First = std::deque<std::pair<std::int64_t, std::shared_ptr<const Line>>>;
+  /// Steps whose lines come first, each with its id.
+  using First = std::deque<std::pair<std::int64_t, std::size_t>>;
   void begin_with(First lines) { first_ = std::move(lines); }
 
   /// Where another test has taken its place: what is left of the one before, then all of the other. A
@@ -180,7 +180,8 @@ class SiteEvents final : public EventSource {
     }
     // Behind the status: that says of which journal they are.
     for (; out.size() < k_piece && !first_.empty(); first_.pop_front())
-      out += event_of(first_.front().first, *first_.front().second);
+      if (const auto line = site_->lines().line(first_.front().second))
+        out += event_of(first_.front().first, *line);
     if (!first_.empty()) return out;
     for (const Alarm& alarm : site_->alarms().after(alarms_seen_)) {
       out += "event: alarm\ndata: " + files::json_line(json_of(alarm)) + "\n\n";
@@ -366,7 +367,8 @@ HttpResponse Api::read(const HttpRequest& request) {
   if (path == "/v1/states") {
     const std::string from = request.parameter("from");
     std::string body = "[";
-    for (const auto& line : site->lines().lines(from.empty() ? 0 : parse_index(from, "from")))
+    auto line = site->lines().line_from(from.empty() ? 0 : parse_index(from, "from"));
+    for (; line; line = site->lines().line_from(line->step + 1))
       body += (body.size() > 1 ? ",\n" : "") + line->json;
     return {200, "application/json", body + "]"};
   }
@@ -520,12 +522,11 @@ std::unique_ptr<EventSource> Api::make_events(const HttpRequest& request) const 
     seen = told > static_cast<std::size_t>(seen) ? 0 : static_cast<std::int64_t>(told);
   } else if (const std::string from = request.parameter("from"); !from.empty()) {
     // The lines as they are, in the order of the steps; then what changes.
-    for (const auto& line : site->lines().lines(parse_index(from, "from"))) {
-      first.emplace_back(line->event, line);
-      seen = std::max(seen, line->event);
-    }
+    const auto lines = site->lines().events_from(parse_index(from, "from"));
+    first.assign(lines.begin(), lines.end());
+    for (const auto& [event, step] : lines) seen = std::max(seen, event);
   } else if (const auto line = site->lines().latest()) {
-    first.emplace_back(seen, line);
+    first.emplace_back(seen, line->step);
   }
   auto source = std::make_unique<SiteEvents>(from_site, site, seen);
   source->begin_with(std::move(first));
@@ -533,7 +534,7 @@ std::unique_ptr<EventSource> Api::make_events(const HttpRequest& request) const 
 }
 
 std::string Api::complaint() const {
-  std::string all;
+  std::string all = pulses_.complaint();
   for (const auto& site : sites_)
     if (const std::string one = site->current()->health().pulses().complaint(); !one.empty())
       all += fmt::format("{}{}: {}", all.empty() ? "" : "; ", site->name(), one);

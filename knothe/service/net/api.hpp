@@ -28,6 +28,8 @@ class Api final : public HttpHandler {
   std::unique_ptr<EventSource> events(const HttpRequest& request) override;
   /// Threads that hang, in words; empty: none.
   [[nodiscard]] std::string complaint() const;
+  /// Of the threads that are of no one test.
+  [[nodiscard]] Pulses& pulses() { return pulses_; }
   bool tick() override;
   /// Answers what is waiting; nothing is asked afterwards.
   void finish() {
@@ -61,6 +63,7 @@ class Api final : public HttpHandler {
   Metrics& metrics_;
   UmBridge umbridge_;     ///< of the worker
   TestLines test_lines_;  ///< of the worker for what takes minutes
+  Pulses pulses_;
   /// Last: what they do uses the others. The second is for data alone: no reader's question holds them up.
   /// The third computes what nobody waits for in time: other tests from their journals.
   std::unique_ptr<Worker> worker_ = std::make_unique<Worker>(), ingest_worker_ = std::make_unique<Worker>(),

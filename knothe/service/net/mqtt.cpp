@@ -23,7 +23,8 @@ namespace knothe::service {
 namespace {
 
 constexpr std::chrono::milliseconds k_first_pause{1000}, k_longest_pause{30'000}, k_glance{50};
-constexpr int k_max_kept = 1 << 20;  // bytes of a refused message
+constexpr double k_max_message = 120;  // s; a client that takes longer for one hangs
+constexpr int k_max_kept = 1 << 20;    // bytes of a refused message
 constexpr std::size_t k_max_told = 64;
 constexpr int k_suspicious = 3;  // short connections, one after the other
 
@@ -44,6 +45,7 @@ struct MqttReceiver::Implementation {
   std::chrono::steady_clock::time_point connected_at;
   int short_connections = 0;  ///< one after the other
   std::shared_ptr<mosquitto> client;
+  std::shared_ptr<Pulse> pulse;
   std::thread thread;
 
   Implementation(std::vector<std::shared_ptr<ServedSite>> s, Metrics& m, const project::Project& project)
@@ -104,6 +106,7 @@ struct MqttReceiver::Implementation {
       log_event("error", "a refused message cannot be kept: it is not acknowledged",
                 {{"file", refused.path()}});
       if (stopping) return false;
+      pulse->beat();
       std::this_thread::sleep_for(std::chrono::milliseconds(500));
     }
     if (told.size() < k_max_told && told.insert(fmt::format("{} {}", message.topic, error.type())).second) {
@@ -144,6 +147,7 @@ struct MqttReceiver::Implementation {
   /// replayed.
   std::optional<JournalWriter::Answer> store(const std::function<void(Done)>& ask) {
     while (!stopping) {
+      pulse->beat();  // who waits for a full disk is alive
       const auto promise = std::make_shared<std::promise<JournalWriter::Answer>>();
       auto answer = promise->get_future();
       try {
@@ -168,9 +172,11 @@ struct MqttReceiver::Implementation {
     int code = mosquitto_connect_async(client.get(), host.c_str(), port, 30);
     while (!stopping) {
       while (code == MOSQ_ERR_SUCCESS && !stopping) {
+        pulse->beat();
         code = mosquitto_loop(client.get(), 200, 1);
         if (connected) pause = k_first_pause, said.clear();
       }
+      pulse->rest();
       if (stopping) break;
       const std::string reason = code == MOSQ_ERR_ERRNO ? std::strerror(errno) : mosquitto_strerror(code);
       if (!connected && reason != said && code != MOSQ_ERR_CONN_REFUSED)
@@ -181,6 +187,7 @@ struct MqttReceiver::Implementation {
       for (milliseconds waited{0}; waited < pause && !stopping; waited += k_glance)
         std::this_thread::sleep_for(k_glance);
       pause = std::min(2 * pause, k_longest_pause);
+      pulse->beat();
       if (!stopping) code = mosquitto_reconnect_async(client.get());
     }
     mosquitto_disconnect(client.get());
@@ -270,7 +277,7 @@ struct MqttReceiver::Implementation {
 };
 
 MqttReceiver::MqttReceiver(const project::Project& project, std::vector<std::shared_ptr<ServedSite>> sites,
-                           Metrics& metrics)
+                           Metrics& metrics, Pulses& pulses)
     : implementation_(std::make_unique<Implementation>(std::move(sites), metrics, project)) {
   Implementation& i = *implementation_;
   const MqttBroker broker = mqtt_broker(project);
@@ -281,6 +288,7 @@ MqttReceiver::MqttReceiver(const project::Project& project, std::vector<std::sha
   mosquitto_subscribe_callback_set(i.client.get(), Implementation::on_subscribe);
   mosquitto_disconnect_callback_set(i.client.get(), Implementation::on_disconnect);
   mosquitto_message_callback_set(i.client.get(), Implementation::on_message);
+  i.pulse = pulses.add("the MQTT client", k_max_message);
   i.thread = std::thread([&i] { i.run(); });
 }
 

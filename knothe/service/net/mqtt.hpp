@@ -18,7 +18,7 @@ class MqttReceiver {
  public:
   /// Begins to connect. ProjectError for an address that is none, DataError for a file that cannot be used.
   MqttReceiver(const project::Project& project, std::vector<std::shared_ptr<ServedSite>> sites,
-               Metrics& metrics);
+               Metrics& metrics, Pulses& pulses);
   ~MqttReceiver();
 
  private:

@@ -10,6 +10,7 @@
 
 #include "knothe/files/testing/test_folder.hpp"
 #include "knothe/project/project_file.hpp"
+#include "knothe/service/camera/camera_watch.hpp"
 
 namespace knothe::service {
 namespace {
@@ -91,7 +92,7 @@ TEST_F(ServedSiteTest, ASecondTestKnowsNothingOfTheFirst) {
   for (const std::size_t step : {0U, 1U, 2U, 3U}) send(step, 1.2);
   const auto second = mean();
   EXPECT_NE(second, first);
-  EXPECT_GT(served_->current()->lines().lines(0).front()->event, last_event);
+  EXPECT_GT(served_->current()->lines().line_from(0)->event, last_event);
   // A program of its own says the same, to the bit.
   served_.reset();
   fs::remove(folder_.file("project.second.journal"));
@@ -168,6 +169,47 @@ TEST_F(ServedSiteTest, TheTestBeforeIsThereForThoseWhoStillReadIt) {
   before.reset();
   served_->resume_test(asked(""));
   EXPECT_EQ(served_->current()->lines().latest()->step, 0U);
+}
+
+/// Says that it was asked for a frame, and does not answer before it is let go.
+class HangingCamera final : public FrameSource {
+ public:
+  HangingCamera(std::promise<void>& asked, std::shared_future<void> let_go)
+      : asked_(asked), let_go_(std::move(let_go)) {}
+  std::optional<Frame> next(double) override {
+    if (!std::exchange(was_asked_, true)) asked_.set_value();
+    let_go_.wait();
+    return std::nullopt;
+  }
+  Incomplete incomplete() override { return {}; }
+  [[nodiscard]] std::string serial() const override { return "1"; }
+  [[nodiscard]] std::string description() const override { return "hangs"; }
+  [[nodiscard]] std::optional<double> period_s() const override { return std::nullopt; }
+
+ private:
+  std::promise<void>& asked_;
+  std::shared_future<void> let_go_;
+  bool was_asked_ = false;
+};
+
+TEST_F(ServedSiteTest, ACameraThatHangsIsASiteThatIsNotAlive) {
+  const auto site = served_->current();
+  std::promise<void> asked, let_go;
+  const std::shared_future<void> gone = let_go.get_future().share();
+  const auto hangs = [&] {
+    const auto later = monotonic_now() + std::chrono::seconds(61);
+    return site->health().pulses().complaint(later).find("the watch of the camera has not moved on for ") !=
+           std::string::npos;
+  };
+  {
+    const CameraWatch watch(site, metrics_, [&](const project::CameraOptions&) {
+      return std::make_unique<HangingCamera>(asked, gone);
+    });
+    asked.get_future().wait();
+    EXPECT_TRUE(hangs());
+    let_go.set_value();
+  }
+  EXPECT_FALSE(hangs()) << "it has ended in order";
 }
 
 }  // namespace

@@ -201,7 +201,8 @@ void serve(const project::Project& project, const ServiceOptions& arguments) {
   log_event("info", "listening", {{"url", url}});
   if (arguments.listening) arguments.listening(url);
   std::unique_ptr<MqttReceiver> mqtt;
-  if (!options.mqtt.broker.empty()) mqtt = std::make_unique<MqttReceiver>(project, sites, metrics);
+  if (!options.mqtt.broker.empty())
+    mqtt = std::make_unique<MqttReceiver>(project, sites, metrics, api.pulses());
   for (const auto& site : sites) site->start();
   http.run();
   mqtt.reset();

@@ -4,6 +4,7 @@
 #include <malloc.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <utility>
 
 #include "knothe/base/error.hpp"
@@ -19,6 +20,11 @@ constexpr std::size_t k_newest_first_from = 16;  // stale lines
 // s; a thread that is longer at one piece of work is stuck
 constexpr double k_max_commit = 60, k_max_update = 600;
 constexpr double k_moved_std = 0.5;  // of a posterior that is asked about again
+
+std::string folder_of(const std::string& journal) {
+  const auto folder = std::filesystem::path(journal).parent_path();
+  return folder.empty() ? "." : folder.string();
+}
 
 /// Of "a/b" and "c", and of "a" and "b/c", one string each.
 std::string escaped(const std::string& name) {
@@ -47,6 +53,7 @@ Site::Site(project::Project project, SiteSettings settings, Metrics& metrics)
                 if (!alarm.severity.empty()) settings_.send(alarm);
               }),
       pictures_(setup_.problem.model->time),
+      lines_(folder_of(project_.serve.journal)),
       health_(project_.serve, settings_.strict_deadline) {
   journal_.identify(identity_);
   starts_ = journal_.count_start(settings_.min_start);
@@ -634,10 +641,7 @@ Json Site::status() const {
   status["unacknowledged"] = alarms_.unacknowledged();
   status["deadline_misses"] = health_.deadline_misses();
   status["read_only"] = tally.read_only;
-  Json untrusted = Json::array();
-  for (const auto& line : lines_.lines(0))
-    if (!line->trusted) untrusted.push_back(line->step);
-  status["untrusted"] = untrusted;
+  status["untrusted"] = lines_.untrusted();
   status["event"] = lines_.last_event();
   status["uptime_s"] = seconds_since(started_);
   status["version"] = k_version;
