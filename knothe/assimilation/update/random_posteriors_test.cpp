@@ -7,6 +7,7 @@
 #include "knothe/assimilation/testing/random_posteriors.hpp"
 #include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/base/testing/long_form.hpp"
+#include "knothe/likelihood/testing/test_models.hpp"
 
 namespace knothe::assimilation {
 namespace {
