@@ -41,4 +41,9 @@ inline int guarded_main(const char* program, const std::function<int()>& command
   return static_cast<int>(ExitStatus::internal);
 }
 
+/// Of an answer: `done`, or `numerical` if it is not trusted.
+inline int exit_status(bool trusted) {
+  return static_cast<int>(trusted ? ExitStatus::done : ExitStatus::numerical);
+}
+
 }  // namespace knothe

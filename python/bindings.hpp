@@ -7,5 +7,6 @@ namespace knothe::python {
 void bind_maps_and_pictures(pybind11::module_& module);
 void bind_engine(pybind11::module_& module);
 void bind_models(pybind11::module_& module);
+void bind_population(pybind11::module_& module);
 
 }  // namespace knothe::python

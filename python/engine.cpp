@@ -235,7 +235,8 @@ void bind_results(py::module_& module) {
       .def("points", points_of_result)
       .def("weights", [](const Result& result) { return array_of(plain(result.step.update.weights)); })
       .def("labels", [](const Result& result) { return labels_of(*result.axes); })
-      .def("densities", [](const Result& result) { return densities_of(*result.priors); });
+      .def("densities", [](const Result& result) { return densities_of(*result.priors); })
+      .def("prior", [](const Result& result) { return prior_at(*result.priors, result.step.update.points); });
   module.def(
       "distinct_draws",
       [](const Doubles& points, const Doubles& weights, Eigen::Index count, const Doubles& lower,

@@ -38,15 +38,18 @@ Noise noise_of(const Doubles& std, const std::optional<SparseRows>& precision) {
 
 std::vector<Prior> priors_of(const std::vector<PriorValues>& priors) {
   std::vector<Prior> result;
-  for (const auto& [name, family, first, second] : priors) {
+  for (const auto& [name, family, first, second, results, name_there] : priors) {
     if (family == "normal")
       result.push_back(Prior::normal(name, first, second));
     else if (family == "uniform")
       result.push_back(Prior::uniform(name, first, second));
     else if (family == "lognormal")
       result.push_back(Prior::lognormal(name, first, second));
+    else if (family == "posterior")
+      result.push_back(Prior::posterior(name, results, name_there));
     else
-      throw UsageError("prior of " + name + ": \"" + family + "\" is not normal, uniform or lognormal");
+      throw UsageError("prior of " + name + ": \"" + family +
+                       "\" is not normal, uniform, lognormal or posterior");
   }
   return result;
 }
@@ -402,10 +405,9 @@ py::dict infer_callable(py::function function, std::optional<py::function> jacob
                         const ProgressFunction& progress) {
   InferenceValues values{{}, vector_of(observed), vector_of(std), vector_of(covariance), {}};
   std::vector<std::string> names;
-  for (const Prior& prior : priors_of(priors)) {
-    names.push_back(prior.parameter);
-    values.densities.push_back(library::prior_of(prior));
-  }
+  const std::vector<Prior> named = priors_of(priors);
+  for (const Prior& prior : named) names.push_back(prior.parameter);
+  values.densities = library::priors_of(named);
   values.options.method = assimilation::method_from(method);
   values.options.map.tolerance = tolerance;
   values.options.map.max_order = max_order;
@@ -417,7 +419,9 @@ py::dict infer_callable(py::function function, std::optional<py::function> jacob
   const assimilation::InferenceResult result = long_call([&] { return infer(model, values, progress); });
   std::vector<model::Axis> axes;
   for (const std::string& name : names) axes.push_back({name, {}, "", "", 1});
-  return dictionary_of(result, axes, values.densities, "");
+  py::dict found = dictionary_of(result, axes, values.densities, "");
+  if (!values.observed.empty()) found["prior"] = prior_at(values.densities, result.points);
+  return found;
 }
 
 py::dict infer_project(const std::string& path, const std::string& method, const std::string& results) {
@@ -427,7 +431,10 @@ py::dict infer_project(const std::string& path, const std::string& method, const
     return record::run_inference(
         project, method.empty() ? project.method.kind : assimilation::method_from(method), folder);
   });
-  return dictionary_of(run.result, run.setup.axes, run.setup.priors, record::samples_path(run.folder));
+  py::dict found =
+      dictionary_of(run.result, run.setup.axes, run.setup.priors, record::samples_path(run.folder));
+  if (run.setup.observations) found["prior"] = prior_at(run.setup.priors, run.result.points);
+  return found;
 }
 
 void bind_inference(py::module_& module) {

@@ -54,4 +54,5 @@ PYBIND11_MODULE(_knothe, module) {
   bind_maps_and_pictures(module);
   bind_engine(module);
   bind_models(module);
+  bind_population(module);
 }

@@ -17,8 +17,9 @@ namespace knothe::python {
 using Integers = py::array_t<std::int64_t, py::array::c_style | py::array::forcecast>;
 /// Compressed sparse rows: values, columns, row_begin.
 using SparseRows = std::tuple<Doubles, Integers, Integers>;
-/// Name, family ("normal", "uniform", "lognormal"), and its two numbers.
-using PriorValues = std::tuple<std::string, std::string, double, double>;
+/// Name, family ("normal", "uniform", "lognormal") and its two numbers; or "posterior", and after two numbers
+/// its folder of results and the parameter's name there.
+using PriorValues = std::tuple<std::string, std::string, double, double, std::string, std::string>;
 
 /// One of the two; an empty `std` and no precision: no noise of its own.
 [[nodiscard]] Noise noise_of(const Doubles& std, const std::optional<SparseRows>& precision);
@@ -27,6 +28,9 @@ using PriorValues = std::tuple<std::string, std::string, double, double>;
 
 /// Of each prior its support (lower, upper), and its density at points: what figures want.
 [[nodiscard]] py::list densities_of(const std::vector<posterior::Prior>& priors);
+
+/// `posterior::prior_values` at points (n × d): what `population` divides out.
+[[nodiscard]] py::dict prior_at(const std::vector<posterior::Prior>& priors, const Eigen::MatrixXd& points);
 
 /// Attributes of a parameter's variable as results files have them, by name: units, long_name, reference and
 /// reference_units.

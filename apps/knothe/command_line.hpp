@@ -15,6 +15,7 @@ CLI::App& add(CLI::App& parent, Command& chosen, Arguments& arguments, int (*run
 }
 
 void add_dic(CLI::App& app, Command& chosen);
+void add_population(CLI::App& app, Command& chosen);
 void add_project_commands(CLI::App& app, Command& chosen);
 void add_offline_commands(CLI::App& app, Command& chosen);
 void add_model_commands(CLI::App& app, Command& chosen);

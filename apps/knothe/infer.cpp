@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "apps/guarded_main.hpp"
 #include "apps/knothe/commands.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
@@ -31,10 +32,6 @@ record::InferenceRun run(const project::Project& project, Method method, const s
   output.line(record::inference_record(run.result, run.setup.axes, record::samples_path(folder)),
               record::inference_text(run));
   return run;
-}
-
-int exit_status(bool trusted) {
-  return static_cast<int>(trusted ? ExitStatus::done : ExitStatus::numerical);
 }
 
 int compare(const InferArguments& arguments, const project::Project& project) {

@@ -99,6 +99,7 @@ void add_project_commands(CLI::App& app, Command& chosen) {
   add_assimilate(app, chosen);
   add_select(app, chosen);
   add_infer(app, chosen);
+  add_population(app, chosen);
   add_dic(app, chosen);
   add_forecast(app, chosen);
   add_report(app, chosen);

@@ -44,10 +44,11 @@ struct Datum {
 /// The prior density of a parameter. Every prior is truncated to the model's parameter box and
 /// renormalised.
 struct Prior {
-  enum class Family { normal, uniform, lognormal };
+  enum class Family { normal, uniform, lognormal, posterior };
   std::string parameter;  ///< the model's name of it
   Family family = Family::normal;
   double first = 0, second = 1;  ///< mean and std; lower and upper; mean and std of the logarithm
+  std::string results = {}, name_there = {};  ///< of a posterior
 
   [[nodiscard]] static Prior normal(std::string parameter, double mean, double std) {
     return {std::move(parameter), Family::normal, mean, std};
@@ -57,6 +58,11 @@ struct Prior {
   }
   [[nodiscard]] static Prior lognormal(std::string parameter, double mu, double sigma) {
     return {std::move(parameter), Family::lognormal, mu, sigma};
+  }
+  /// What an earlier test has found of its parameter `name` (empty: the same name): `results` is a folder of
+  /// results. Parameters of one folder keep their correlations.
+  [[nodiscard]] static Prior posterior(std::string parameter, std::string results, std::string name = "") {
+    return {std::move(parameter), Family::posterior, 0, 1, std::move(results), std::move(name)};
   }
 };
 

@@ -9,6 +9,7 @@
 #include "knothe/model/observe/scalar_observations.hpp"
 #include "knothe/model/reduced/parameter_order.hpp"
 #include "knothe/model/reduced/truncation_error.hpp"
+#include "knothe/posterior/prior/earlier_posteriors.hpp"
 
 namespace knothe::library {
 namespace {
@@ -74,16 +75,26 @@ model::ObservedModel observed(const model::SeparatedModel& model, const Sensors&
   return series.empty() ? seen : model::with_scalars(seen, model, series);
 }
 
-posterior::Prior prior_of(const Prior& prior) {
-  switch (prior.family) {
-    case Prior::Family::uniform:
-      return posterior::Prior::uniform(prior.first, prior.second);
-    case Prior::Family::lognormal:
-      return posterior::Prior::lognormal(prior.first, prior.second);
-    case Prior::Family::normal:
-      break;
+std::vector<posterior::Prior> priors_of(const std::vector<Prior>& priors) {
+  posterior::EarlierPosteriors earlier;
+  std::vector<posterior::Prior> result;
+  for (const Prior& prior : priors) {
+    switch (prior.family) {
+      case Prior::Family::uniform:
+        result.push_back(posterior::Prior::uniform(prior.first, prior.second));
+        break;
+      case Prior::Family::lognormal:
+        result.push_back(posterior::Prior::lognormal(prior.first, prior.second));
+        break;
+      case Prior::Family::posterior:
+        result.push_back(
+            earlier.prior_of(prior.results, prior.name_there.empty() ? prior.parameter : prior.name_there));
+        break;
+      case Prior::Family::normal:
+        result.push_back(posterior::Prior::normal(prior.first, prior.second));
+    }
   }
-  return posterior::Prior::normal(prior.first, prior.second);
+  return result;
 }
 
 likelihood::GaussianNoise noise_of(const Noise& noise, std::size_t sensors) {
@@ -101,7 +112,7 @@ assimilation::EngineSetup engine_setup(const std::string& model_file, const Sens
                                        const AssimilationOptions& options) {
   assimilation::EngineSetup setup = observe(model_file, sensors, priors);
   setup.noise = noise_of(noise, sensors.size());
-  std::transform(priors.begin(), priors.end(), std::back_inserter(setup.priors), prior_of);
+  setup.priors = priors_of(priors);
   setup.update = settings_of(options);
   return setup;
 }

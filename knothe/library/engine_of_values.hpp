@@ -9,7 +9,8 @@
 
 namespace knothe::library {
 
-[[nodiscard]] posterior::Prior prior_of(const Prior& prior);
+/// Errors: those of `posterior::EarlierPosteriors`.
+[[nodiscard]] std::vector<posterior::Prior> priors_of(const std::vector<Prior>& priors);
 
 /// The model at the sensors. Errors: UsageError for sensors without a point each, for none at all, and for a
 /// series that the model does not have; DataError for points outside it.

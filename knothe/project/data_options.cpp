@@ -46,7 +46,7 @@ const Section<SensorOptions>& sensor_section() {
 struct ParameterOptions {
   enum class Kind { normal, uniform, lognormal, posterior, known } kind = Kind::normal;
   std::optional<double> value;
-  std::string of;
+  std::string of, of_name;
   double mean = 0, std = 1;
   double lower = 0, upper = 1;
   double mu = 0, sigma = 1;
@@ -74,6 +74,8 @@ const Section<ParameterOptions>& parameter_section() {
               "Results of that test, a folder or its `posterior.nc` or `samples.nc`. Parameters of one test "
               "keep their correlations and the shape of their posterior.",
               file, no_default);
+        s.add("of_name", &P::of_name, "Name of the parameter in these results; without it, the same.",
+              no_default);
         s.add("value", &P::value,
               "Known parameter: its value for forecasts and fields, and with `knothe serve` for the data; "
               "without it, "
@@ -169,7 +171,9 @@ void check_keys(Values& values, const std::string& path, const std::string& what
 Prior prior_of(Values& values, const ParameterOptions& o, const std::string& path) {
   using Kind = ParameterOptions::Kind;
   const std::vector<std::string> keys = keys_of(o.kind);
-  check_keys(values, path, values.get<std::string>(path + ".prior") + " prior", keys, keys);
+  std::vector<std::string> taken = keys;
+  if (o.kind == Kind::posterior) taken.emplace_back("of_name");
+  check_keys(values, path, values.get<std::string>(path + ".prior") + " prior", taken, keys);
   if (o.kind == Kind::posterior) return Prior::normal(0, 1);  // until its file is read
   if (o.kind == Kind::normal) return Prior::normal(o.mean, o.std);
   if (o.kind == Kind::lognormal) return Prior::lognormal(o.mu, o.sigma);
@@ -204,7 +208,7 @@ void read_parameters(Values& values, Project& project) {
     const ParameterOptions o = parameter_section().read(values, name);
     if (!values.has(path + ".prior")) continue;  // which is complained of already
     if (o.kind != ParameterOptions::Kind::known) {
-      project.parameters.push_back({name, prior_of(values, o, path), o.of});
+      project.parameters.push_back({name, prior_of(values, o, path), o.of, o.of_name});
     } else {
       check_keys(values, path, "known parameter", {"value"}, {});
       project.known.push_back({name, o.value});

@@ -23,7 +23,8 @@ namespace knothe::project {
 struct NamedPrior {
   std::string name;
   posterior::Prior prior;
-  std::string posterior;  ///< results whose posterior it is, resolved (`priors_of`); empty: `prior` says all
+  std::string posterior;   ///< results whose posterior it is, resolved (`priors_of`); empty: `prior` says all
+  std::string name_there;  ///< of the parameter in these results; empty: the same
 };
 
 /// A parameter of the model that is not inferred: a series of the data has its value at each time.

@@ -13,6 +13,7 @@
 #include "knothe/record/fields.hpp"
 #include "knothe/record/json_values.hpp"
 #include "knothe/record/physical_parameters.hpp"
+#include "knothe/record/prior_values.hpp"
 
 namespace knothe::record {
 namespace {
@@ -95,6 +96,7 @@ void write_samples(const std::string& path, const project::Project& project,
                      {"1", "points"});
     out.add_variable("weighted_posterior", "weights", Names{"point"},
                      std::span(r.weights.data(), r.weights.size()), {"1", "weights, sum 1"});
+    if (setup.observations) add_prior_values("weighted_posterior", setup.priors, r.points, out);
     out.add_attribute("weighted_posterior", "parameters",
                       fmt::format("{}", fmt::join(setup.parameters, ",")));
     out.add_dimension("history", "step", std::vector<std::int64_t>{0}, {"", "step"});

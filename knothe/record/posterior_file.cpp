@@ -22,6 +22,7 @@
 #include "knothe/posterior/weighted_posterior_file.hpp"
 #include "knothe/record/fields.hpp"
 #include "knothe/record/physical_parameters.hpp"
+#include "knothe/record/prior_values.hpp"
 #include "knothe/record/step_record.hpp"
 
 namespace knothe::record {
@@ -244,6 +245,7 @@ class Writer {
     append(points, last.points), append(weights, last.weights);
     out_.add_dimension("last_posterior", "point", weights.size());
     write_points("last_posterior", {"point"}, points, weights);
+    add_prior_values("last_posterior", file_.priors, last.points, out_);
     out_.add_number("last_posterior", "weights", "step", steps_.back());
     out_.add_number("last_posterior", "weights", "time", times_.back());
   }

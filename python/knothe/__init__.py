@@ -7,6 +7,7 @@ The same engine as the program `knothe`: a result here is identical, to the bit,
 `Model`, `offline`            reduced models: from files, and from snapshots of your own solver
 `fit`, `fit_samples`          transport maps of a density or of samples: `TransportMap`
 `infer`                       one-shot inference for any model
+`population`                  several specimens, and what to expect of the next
 `Correlation`                 displacements from pictures
 `open_results`                the results folder of a command
 `knothe.plot`                 figures (matplotlib)
@@ -40,10 +41,11 @@ from knothe._inference import InferenceResult, infer
 from knothe._maps import Fit, TransportMap, fit, fit_samples
 from knothe._models import Model, ObservedModel, offline
 from knothe._pictures import Correlation, Displacements, read_picture
+from knothe._population import Population, population
 from knothe._posterior import Forecast, Posterior, Reason, Verdict
 from knothe._results import Results, open_results
 from knothe._twin import Datum, StepResult, Twin
-from knothe._values import Axis, Lognormal, Normal, Precision, Prior, Sensors, Uniform
+from knothe._values import Axis, Lognormal, Normal, PosteriorOf, Precision, Prior, Sensors, Uniform
 
 
 def __getattr__(name: str) -> Any:
@@ -55,8 +57,9 @@ def __getattr__(name: str) -> Any:
 
 __all__ = [
     "Axis", "Correlation", "DataError", "Datum", "Displacements", "Error", "Fit", "Forecast", "InferenceResult", "Interrupted",
-    "IoError", "Lognormal", "Model", "Normal", "NumericalError", "ObservedModel", "Posterior", "Precision", "Prior",
+    "IoError", "Lognormal", "Model", "Normal", "NumericalError", "ObservedModel", "Population", "Posterior", "PosteriorOf",
+    "Precision", "Prior",
     "ProjectError", "Reason", "Results", "Sensors", "StepResult", "TransportMap", "Twin", "Uniform", "UntrustedWarning", "UsageError",
     "Verdict", "__version__",
-    "fit", "fit_samples", "infer", "offline", "open_results", "read_picture",
+    "fit", "fit_samples", "infer", "offline", "open_results", "population", "read_picture",
 ]

@@ -45,9 +45,13 @@ class InferenceResult(Posterior):
         record = json.loads(found["json"])
         super().__init__(record, record["parameters"], found["points"], found["weights"], found["densities"],
                          found["labels"])
+        self._prior_values: dict[str, Any] | None = found.get("prior")
         draws = found["draws"]
         count = len(draws) // found["chains"]
         self.chains: Array = draws[:count * found["chains"]].reshape(found["chains"], count, -1)
+
+    def _prior(self) -> dict[str, Any] | None:
+        return self._prior_values
 
     @property
     def skewness(self) -> Array:

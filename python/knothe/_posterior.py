@@ -366,6 +366,10 @@ class Posterior:
             return self.parameters.index(parameter)
         return int(parameter)
 
+    def _prior(self) -> dict[str, Any] | None:
+        """Values of the prior at the points, which `population` divides out; None where they are not known."""
+        return None
+
     def draws(self, count: int = 500) -> Array:
         """Equally weighted draws, no two of them equal; for an assimilation those of `posterior.nc`.
 

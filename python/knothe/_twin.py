@@ -122,12 +122,16 @@ def _datum_of(*arguments: Any) -> Datum:
 
 @dataclass(frozen=True)
 class _PickledResult:
-    """In place of the module's result, which is not pickled: what it says of the forecasts."""
+    """In place of the module's result, which is not pickled: what it says of the forecasts and the prior."""
 
     text: str
+    values: dict[str, Any]
 
     def forecasts_json(self) -> str:
         return self.text
+
+    def prior(self) -> dict[str, Any]:
+        return self.values
 
 
 class StepResult(OfNative, Posterior):
@@ -158,7 +162,10 @@ class StepResult(OfNative, Posterior):
         self.time: float = self.record["time"]
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_native": _PickledResult(self._native.forecasts_json())}
+        return {**self.__dict__, "_native": _PickledResult(self._native.forecasts_json(), self._native.prior())}
+
+    def _prior(self) -> dict[str, Any]:
+        return self._native.prior()
 
     @property
     def verdict(self) -> Verdict:

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import copy
+import os
 from dataclasses import astuple, dataclass, fields
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, TypeVar, Union
@@ -59,7 +60,7 @@ def _same(one: Any, other: Any) -> bool:
 
 
 class Prior:
-    """What is known of a parameter before the data: the type of `Normal`, `Uniform` and `Lognormal`.
+    """What is known of a parameter before the data: the type of `Normal`, `Uniform`, `Lognormal` and `PosteriorOf`.
 
     Examples
     --------
@@ -138,14 +139,41 @@ class Lognormal(Prior):
         _require(np.isfinite(self.mu) and 0 < self.sigma < np.inf, self, "mu must be finite, sigma > 0")
 
 
-def prior_values(parameters: Mapping[str, Prior]) -> list[tuple[str, str, float, float]]:
+@dataclass(frozen=True)
+class PosteriorOf(Prior):
+    """The posterior of an earlier test, or the next specimen of a `population`, as a prior. Parameters of one folder keep their
+    correlations and the shape of their posterior.
+
+    Parameters
+    ----------
+    results : path
+        Folder of results.
+    name : str, optional
+        Of the parameter in these results; without it, the same.
+
+    Examples
+    --------
+    >>> knothe.PosteriorOf("results", name="E")
+    PosteriorOf(results='results', name='E')
+    """
+
+    _family = "posterior"
+    results: "str | os.PathLike[str]"
+    name: str = ""
+
+
+def prior_values(parameters: Mapping[str, Prior]) -> list[tuple[str, str, float, float, str, str]]:
     """In the form that the module needs; the order is that of the mapping."""
     values = []
     for name, prior in parameters.items():
+        if isinstance(prior, PosteriorOf):
+            values.append((name, prior._family, 0.0, 1.0, os.fspath(prior.results), prior.name))
+            continue
         if not isinstance(prior, (Normal, Uniform, Lognormal)):
-            raise UsageError(f"prior of {name}: {prior!r} is not knothe.Normal, knothe.Uniform or knothe.Lognormal")
+            raise UsageError(f"prior of {name}: {prior!r} is not knothe.Normal, knothe.Uniform, knothe.Lognormal or "
+                             "knothe.PosteriorOf")
         first, second = astuple(prior)
-        values.append((name, prior._family, float(first), float(second)))
+        values.append((name, prior._family, float(first), float(second), "", ""))
     return values
 
 

@@ -92,8 +92,18 @@ class Test(Case):
         self.edit("Ad = " + PLAIN[1], 'Ad = { prior = "known", value = 0.9 }')
         self.assimilate("-o", "first")
         self.edit('Ad = { prior = "known", value = 0.9 }', 'Ad = { prior = "posterior", of = "first" }')
-        self.expect(3, "assimilate", self.project_name, stderr=("holds the posterior of Y0, not of \"Ad\"",
+        self.expect(3, "assimilate", self.project_name, stderr=("holds the posterior of Y0, not of \"Ad\"; where it has another name there",
                                                                 self.position_of('of = "first"')))
+        self.edit('of = "first"', 'of = "first", of_name = "Y1"')
+        self.expect(3, "assimilate", self.project_name, stderr=("holds the posterior of Y0, not of \"Y1\" (did you mean \"Y0\"?)",
+                                                                self.position_of('of_name = "Y1"')))
+        # What one calls Y0 is the other's Ad.
+        self.edit('of_name = "Y1"', 'of_name = "Y0"')
+        self.edit("Y0 = " + PLAIN[0], 'Y0 = { prior = "known", value = 0.9 }')
+        for row in self.rows:
+            row.update(sensor="Y0", component="Y0") if row["component"] == "Ad" else None
+        self.measure(times)
+        self.assimilate()
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "knothe/posterior/prior/prior_transform.hpp"
+#include "knothe/posterior/prior/prior_values.hpp"
 
 namespace knothe::posterior {
 namespace {
@@ -125,6 +126,31 @@ TEST(JointPrior, PointsHaveItsMomentsAndStayInside) {
   EXPECT_GE(inside.minCoeff(), 0.0);
   EXPECT_TRUE((inside.col(0).array() >= 0.4 && inside.col(0).array() <= 1.1).all());
   EXPECT_TRUE((inside.col(2).array() >= 0.4 && inside.col(2).array() <= 1.1).all());
+}
+
+TEST(PriorValues, SumToTheDensityOfTheWholePrior) {
+  const auto joint = banana();
+  const std::vector<Prior> priors = {marginal_of(joint, 0), Prior::lognormal(0.2, 0.25),
+                                     marginal_of(joint, 1)};
+  const MatrixXd points{{1.0, 1.1, 0.55}, {1.2, 0.7, 0.7}};
+  const PriorValues values = prior_values(priors, points);
+  LogDensityBatch whole;
+  whole.value.setZero(2);
+  PriorTransform(priors).add_log_density(points, 0, whole);
+  for (Eigen::Index i = 0; i < 2; ++i)
+    EXPECT_NEAR(values.log_density.row(i).sum() + values.log_dependence[i], whole.value[i], 1e-12);
+  EXPECT_EQ(values.families[1], Prior::Family::lognormal);
+  EXPECT_EQ(values.mean[1], 0.2);
+  EXPECT_EQ(values.std[1], 0.25);
+}
+
+TEST(PriorValues, AreFiniteAtTheEndOfTheSupportAndSayTheFamilysMoments) {
+  const std::vector<Prior> priors = {Prior::uniform(-1, 5).truncated(0, 1, "a"), Prior::lognormal(0, 1)};
+  const PriorValues values = prior_values(priors, MatrixXd{{2.0, 0.0}});
+  EXPECT_EQ(values.log_density, (MatrixXd{{-1e6, -1e6}}));
+  EXPECT_EQ(values.log_dependence.size(), 0);
+  EXPECT_EQ(values.mean[0], 2);  // before truncation
+  EXPECT_NEAR(values.std[0], std::sqrt(3.0), 1e-12);
 }
 
 TEST(JointPrior, SaysWhereItComesFrom) {

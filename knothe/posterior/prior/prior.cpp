@@ -56,6 +56,14 @@ Prior Prior::with_joint(std::shared_ptr<const JointPrior> joint, std::ptrdiff_t 
   return result;
 }
 
+double Prior::mean() const {
+  return family_ == Family::uniform ? location_ + 0.5 * scale_ : location_;
+}
+
+double Prior::std() const {
+  return family_ == Family::uniform ? scale_ / std::sqrt(12) : scale_;
+}
+
 double Prior::standardise(double p) const {
   if (family_ == Family::lognormal) return p > 0 ? (std::log(p) - location_) / scale_ : -k_infinity;
   return (p - location_) / scale_;

@@ -1,9 +1,12 @@
 #pragma once
 /// @file Priors of one parameter, and the change of variables p = F⁻¹(Φ(z)) under which a prior is N(0, 1).
+#include <array>
 #include <cstddef>
 #include <limits>
 #include <memory>
 #include <string>
+
+#include "knothe/base/enum_names.hpp"
 
 namespace knothe::posterior {
 
@@ -30,6 +33,9 @@ class Prior {
   [[nodiscard]] Prior truncated(double lower, double upper, const std::string& name) const;
 
   [[nodiscard]] Family family() const { return family_; }
+  /// Mean and standard deviation before any truncation, of p, or of log p where that is normal.
+  [[nodiscard]] double mean() const;
+  [[nodiscard]] double std() const;
   [[nodiscard]] double lower() const { return lower_; }  ///< of the support
   [[nodiscard]] double upper() const { return upper_; }
   /// What it is part of, or nothing: then it is independent of the others.
@@ -72,5 +78,11 @@ class Prior {
   std::shared_ptr<const JointPrior> joint_;
   std::ptrdiff_t column_ = 0;
 };
+
+constexpr auto names_of(Prior::Family /*family*/) {
+  using Family = Prior::Family;
+  return std::to_array<Named<Family>>(
+      {{Family::normal, "normal"}, {Family::uniform, "uniform"}, {Family::lognormal, "lognormal"}});
+}
 
 }  // namespace knothe::posterior
