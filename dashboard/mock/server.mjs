@@ -362,13 +362,14 @@ export class MockService {
       read_only: false,
       version: "0.1.0",
     };
-    if (!line) return { ...shown, state: "STALE", reason: "no datum yet" };
+    if (!line) return { ...shown, state: "STALE", reason: "no datum yet", data_flow: "waiting" };
     const residuals = this.recording.residual[this.count - 1].filter((r) => r !== null);
     const statistic = residuals.reduce((sum, r) => sum + r * r, 0);
     return {
       ...shown,
       state: this.state?.state ?? "OK",
       reason: this.state?.reason ?? "",
+      data_flow: this.state?.state === "STALE" ? "silent" : "arriving",
       structure: line.verdict.level,
       step: line.step,
       time: line.time,

@@ -1,8 +1,8 @@
 /** At the top of the page, readable from across the room: the service's state, the structure's, why, and how old the last datum is. */
 import { useEffect, useState } from "preact/hooks";
-import { levelLook, stateLook } from "./colour";
+import { levelLook, quietLook, stateLook } from "./colour";
 import { clock, duration, given } from "./format";
-import { banner as bannerOf, levelWords, structure, type Structure } from "./state";
+import { banner as bannerOf, bannerWords, levelWords, structure, type Structure } from "./state";
 import type { Store } from "./store";
 
 /** The age counts on between data: only this part of the page is drawn for it. */
@@ -18,15 +18,21 @@ export function BannerView({ store }: { store: Store }) {
   const { latest } = store.history;
   const steps = model?.steps;
   const banner = bannerOf({ now: performance.now(), connected, lostAt, lastDatumAt, status, latest, model });
+  const words = bannerWords(banner);
+  const shown = words.join(" · ");
   useEffect(() => {
-    document.title = `${banner.state} · ${[model?.site ?? "knothe", model?.test].filter(Boolean).join(" · ")}`;
-  }, [banner.state, model?.site, model?.test]);
-  const look = stateLook[banner.state];
+    document.title = `${shown} · ${[model?.site ?? "knothe", model?.test].filter(Boolean).join(" · ")}`;
+  }, [shown, model?.site, model?.test]);
+  const look = { ...stateLook, ...quietLook };
   const verdict = structure(status, latest);
   return (
-    <section class="banner" style={{ "--state": look.colour, "--ink": look.ink }} aria-label="State">
-      <div class="word" role="status" aria-live="polite" id="state">
-        <span aria-hidden="true">{look.sign}</span> {banner.state}
+    <section class="banner" aria-label="State">
+      <div class="words" role="status" aria-live="polite" id="state">
+        {words.map((word) => (
+          <div key={word} class="word" style={{ "--state": look[word].colour, "--ink": look[word].ink }}>
+            <span aria-hidden="true">{look[word].sign}</span> {word}
+          </div>
+        ))}
       </div>
       <p class="reason" id="reason">
         {banner.reason}

@@ -1,5 +1,5 @@
 /** Colours that the colour-blind can tell apart: Okabe and Ito's set, viridis, and blue–white–orange for what has a sign. */
-import type { Severity, StateWord, VerdictLevel } from "./types";
+import type { QuietWord, Severity, StateWord, VerdictLevel } from "./types";
 
 export interface Theme {
   dark: boolean;
@@ -69,6 +69,12 @@ export const stateLook: Record<StateWord, { colour: string; ink: string; sign: s
   BIASED: { colour: "#9b3f77", ink: "#ffffff", sign: "◆" },
   DIVERGED: { colour: "#b83a00", ink: "#ffffff", sign: "✕" },
   FINISHED: { colour: "#33506e", ink: "#ffffff", sign: "■" },
+};
+
+export const quietLook: Record<QuietWord, (typeof stateLook)[StateWord]> = {
+  WAITING: { ...stateLook.STALE, sign: "◷" },
+  "NO DATA": { ...stateLook.STALE, sign: "‖" },
+  "NO CONTACT": { ...stateLook.STALE, sign: "⌁" },
 };
 
 export const levelLook: Record<VerdictLevel, (typeof stateLook)[StateWord]> = {

@@ -40,11 +40,23 @@ const stateSeverity: Record<StateWord, Severity> = {
 export function stateEvent(before: Status | undefined, now: Status): Event | undefined {
   if (before ? before.state === now.state : now.state === "OK") return undefined;
   const why = now.reason ? `: ${now.reason}` : "";
+  if (now.state === "STALE") return silenceEvent(now, why);
   return {
     step: now.step ?? 0,
     severity: stateSeverity[now.state],
     kind: stateKind[now.state],
     message: `The service ${before ? "became" : "is"} ${now.state}${why}`,
+  };
+}
+
+/** Waiting for the first datum is no trouble; data that have stopped are. */
+function silenceEvent(now: Status, why: string): Event {
+  const waits = now.data_flow === "waiting" || (now.data_flow === undefined && now.step === undefined);
+  return {
+    step: now.step ?? 0,
+    severity: waits ? "info" : "warning",
+    kind: stateKind.STALE,
+    message: `${waits ? "The service waits for the first datum" : "Data have stopped"}${why}`,
   };
 }
 

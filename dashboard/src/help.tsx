@@ -1,8 +1,8 @@
 /** Keys, the words of the state, and how to read the pictures. */
 import { useEffect, useRef, useState } from "preact/hooks";
-import { levelLook, stateLook } from "./colour";
-import { levelWords, usual, usualLevel } from "./state";
-import { stateWords, verdictLevels } from "./types";
+import { levelLook, quietLook, stateLook } from "./colour";
+import { levelWords, usual, usualLevel, usualQuiet } from "./state";
+import { quietWords, stateWords, verdictLevels, type StateWord } from "./types";
 
 export const keys: [string, string][] = [
   ["← →", "one step back, forward"],
@@ -26,25 +26,16 @@ export function Help({ open, close, version }: { open: boolean; close: () => voi
     <dialog ref={dialog} onClose={close} aria-labelledby="help-title">
       <h2 id="help-title">How to read this page</h2>
       <dl class="states">
-        {stateWords.map((word) => (
-          <div key={word}>
-            <dt>
-              <span class="chip" style={{ background: stateLook[word].colour, color: stateLook[word].ink }}>
-                {stateLook[word].sign} {word}
-              </span>
-            </dt>
-            <dd>{usual[word]}</dd>
-          </div>
+        {stateWords
+          .filter((word) => word !== "STALE")
+          .map((word) => (
+            <Meaning key={word} word={word} look={stateLook[word]} means={usual[word]} />
+          ))}
+        {quietWords.map((word) => (
+          <Meaning key={word} word={word} look={quietLook[word]} means={usualQuiet[word]} />
         ))}
         {verdictLevels.map((level) => (
-          <div key={level}>
-            <dt>
-              <span class="chip" style={{ background: levelLook[level].colour, color: levelLook[level].ink }}>
-                {levelLook[level].sign} {levelWords[level]}
-              </span>
-            </dt>
-            <dd>{usualLevel[level]}</dd>
-          </div>
+          <Meaning key={level} word={levelWords[level]} look={levelLook[level]} means={usualLevel[level]} />
         ))}
       </dl>
       <ul>
@@ -109,5 +100,18 @@ export function TokenDialog({ needed, use }: { needed: "first" | "wrong" | undef
         <button>Connect</button>
       </form>
     </dialog>
+  );
+}
+
+function Meaning({ word, look, means }: { word: string; look: (typeof stateLook)[StateWord]; means: string }) {
+  return (
+    <div>
+      <dt>
+        <span class="chip" style={{ background: look.colour, color: look.ink }}>
+          {look.sign} {word}
+        </span>
+      </dt>
+      <dd>{means}</dd>
+    </div>
   );
 }

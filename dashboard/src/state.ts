@@ -1,6 +1,6 @@
 /** The state in words. Pure: time is given. */
 import { duration, microseconds } from "./format";
-import type { Model, StateWord, Status, StepLine, Verdict, VerdictLevel } from "./types";
+import type { Model, QuietWord, StateWord, Status, StepLine, Verdict, VerdictLevel } from "./types";
 
 export interface Knowledge {
   /** Now, and when things were seen, in ms of one clock. */
@@ -14,7 +14,10 @@ export interface Knowledge {
 }
 
 export interface Banner {
+  /** STALE only where nothing worse is known: `quiet` then says which of the three it is. */
   state: StateWord;
+  /** Why nothing new is seen, beside the state: it never replaces a worse one. */
+  quiet?: QuietWord;
   reason: string;
   /** Age of the last datum in s; NaN before the first. */
   age: number;
@@ -27,29 +30,48 @@ const stalePeriods = 5;
 
 export function banner(k: Knowledge): Banner {
   const age = k.lastDatumAt === undefined ? NaN : Math.max(0, (k.now - k.lastDatumAt) / 1000);
-  if (!k.connected && (k.lostAt === undefined || k.now - k.lostAt > contactGrace)) {
-    if (k.lostAt === undefined) return { state: "STALE", reason: "Connecting to the service.", age };
-    const since = ` for ${duration((k.now - k.lostAt) / 1000)}`;
-    const shown = k.latest ? "; shown is what was known then" : "";
-    return { state: "STALE", reason: `No contact with the service${since}${shown}. Trying again.`, age };
-  }
   const said = k.status ?? derived(k.latest);
+  const reason = said.reason ? sentence(said.reason) : usual[said.state];
+  const silence = noContact(k) ?? noData(k, said, age);
+  if (!silence) return { state: said.state, reason, age };
+  const { quiet } = silence;
+  if (said.state === "OK" || said.state === "STALE") return { state: "STALE", quiet, reason: silence.reason, age };
+  return { state: said.state, quiet, reason: `${reason} ${silence.reason}`, age };
+}
+
+/** The words at the top of the page, the worst first. */
+export function bannerWords({ state, quiet }: Banner): (StateWord | QuietWord)[] {
+  return quiet === undefined ? [state] : state === "STALE" ? [quiet] : [state, quiet];
+}
+
+interface Silence {
+  quiet: QuietWord;
+  reason: string;
+}
+
+function noContact(k: Knowledge): Silence | undefined {
+  if (k.connected || (k.lostAt !== undefined && k.now - k.lostAt <= contactGrace)) return undefined;
+  if (k.lostAt === undefined) return { quiet: "NO CONTACT", reason: "Connecting to the service." };
+  const since = duration((k.now - k.lostAt) / 1000);
+  const shown = k.latest ? "; shown is what was known then" : "";
+  return { quiet: "NO CONTACT", reason: `No contact with the service for ${since}${shown}. Trying again.` };
+}
+
+function noData(k: Knowledge, said: Status, age: number): Silence | undefined {
   const period = k.status?.period_s ?? k.model?.period_s ?? NaN;
   const late = age > (k.model?.stale_after_s ?? Math.max(stalePeriods * period, 1));
-  if (said.state === "STALE" || (late && (said.state === "OK" || said.state === "BIASED"))) {
+  if (said.state === "FINISHED" || !(late || said.state === "STALE" || said.data_flow === "silent")) return undefined;
+  if (Number.isFinite(age)) {
     const expected =
       period > 0 ? ` (one is expected every ${period < 0.1 ? microseconds(1e6 * period) : duration(period)})` : "";
     const last = k.model?.steps;
     const done =
       last !== undefined && k.latest && k.latest.step >= last - 1 ? "; it was the last step of the model" : "";
-    const without = said.reason ? sentence(said.reason) : "No datum yet.";
-    return {
-      state: "STALE",
-      reason: Number.isFinite(age) ? `No datum for ${duration(age)}${expected}${done}.` : without,
-      age,
-    };
+    return { quiet: "NO DATA", reason: `No datum for ${duration(age)}${expected}${done}.` };
   }
-  return { state: said.state, reason: said.reason ? sentence(said.reason) : usual[said.state], age };
+  const why = said.state === "STALE" && said.reason;
+  if (k.latest) return { quiet: "NO DATA", reason: why ? sentence(why) : "No datum since the service was started." };
+  return { quiet: "WAITING", reason: why ? sentence(why) : "No datum yet." };
 }
 
 export interface Structure {
@@ -95,6 +117,13 @@ export const usual: Record<StateWord, string> = {
   BIASED: "The last data do not fit the model, whatever its parameters: treat its numbers with caution.",
   DIVERGED: "The last update failed: shown is the last state that was verified.",
   FINISHED: "The test is finished: no more data are taken.",
+};
+
+/** What the three kinds of silence mean; the help says it too. */
+export const usualQuiet: Record<QuietWord, string> = {
+  WAITING: "No datum of this test has arrived yet.",
+  "NO DATA": "Data have stopped. What is shown is of the last datum.",
+  "NO CONTACT": "This page does not reach the service. What is shown is what was known then.",
 };
 
 /** Without `/v1/status`, what the line itself tells. */

@@ -117,11 +117,16 @@ export interface Model {
 
 export const stateWords = ["OK", "DEGRADED", "STALE", "BIASED", "DIVERGED", "FINISHED"] as const;
 export type StateWord = (typeof stateWords)[number];
+/** What STALE may be: waiting for the first datum, no data for a time, no contact (which only the page knows). */
+export const quietWords = ["WAITING", "NO DATA", "NO CONTACT"] as const;
+export type QuietWord = (typeof quietWords)[number];
 
 /** `/v1/status`. */
 export interface Status {
   state: StateWord;
   reason?: string;
+  /** Whether data arrive, whatever the state; absent of older services. */
+  data_flow?: "waiting" | "arriving" | "silent" | "finished";
   /** Of the latest step's verdict: the structure's state, beside the service's. */
   structure?: VerdictLevel;
   step?: number;

@@ -89,7 +89,7 @@ test("survives a restart of the service: says that it lost it, comes back with L
   const { port, recording, count } = service;
   await service.close();
   await until(page, "#contact", /no contact/);
-  await until(page, "#state", /STALE/);
+  await until(page, "#state", /^\S+\s+NO CONTACT$/);
   await until(page, "#reason", /No contact with the service for [\d.]+ s; shown is what was known then/);
   const again = await new MockService(recording, { rate: 0, start: count + 7, period: 600 }).listen(port);
   t.after(() => again.close());
@@ -111,7 +111,7 @@ test("survives a restart of the service: says that it lost it, comes back with L
   await context.close();
 });
 
-test("the state is said in words, with its cause; silence becomes STALE", async (t) => {
+test("the state is said in words, with its cause; silence says which it is, and covers nothing worse", async (t) => {
   const { page, service } = await open(t);
   for (const [state, cause] of [
     ["DEGRADED", "updates are 3 data behind"],
@@ -124,9 +124,13 @@ test("the state is said in words, with its cause; silence becomes STALE", async 
     await until(page, "#reason", new RegExp(cause.slice(1)));
     await page.waitForFunction((word) => document.title.startsWith(word), state);
   }
-  service.period = 0.5; // not before: the page would call BIASED stale, too, if it were slow
+  service.period = 0.5; // not before: the page would say NO DATA, too, if it were slow
+  service.say("BIASED", "χ² 212 of 60 residuals");
+  await until(page, "#state", /BIASED\s+\S+\s+NO DATA$/);
+  await until(page, "#reason", /212 of 60 residuals\. No datum for /);
+  await page.screenshot({ path: join(pictures, "biased-no-data.png") });
   service.say("OK", "");
-  await until(page, "#state", /STALE/);
+  await until(page, "#state", /^\S+\s+NO DATA$/);
   await until(page, "#reason", /No datum for .* s \(one is expected every 0\.5 s\)/);
   const age = number(await text(page, "#age")).value;
   assert.ok(age >= 2.5 && age < 60, `age ${age}`);
@@ -219,7 +223,7 @@ test("several structures: the chosen one is asked for, and nothing of the other 
 test("before the first datum it says so; a model without mesh, and a service that has only lines, are said in words", async (t) => {
   const { page, service } = await open(t, { start: 0 });
   await until(page, "#reason", /^No datum yet/);
-  assert.match(await text(page, "#state"), /STALE/);
+  assert.match(await text(page, "#state"), /WAITING/);
   service.advance();
   await until(page, "#state", /OK/);
   const bare = await open(t, {

@@ -90,7 +90,7 @@ test("the page on the real service", async (t) => {
     "the program embeds the committed page",
   );
   await page.goto(service.url);
-  await until(page, "#state", /STALE/);
+  await until(page, "#state", /WAITING/);
   await until(page, "#contact", /^connected/);
 
   for (const [k, datum] of data.slice(0, 20).entries())
@@ -126,7 +126,7 @@ test("the page on the real service", async (t) => {
   const port = new URL(service.url).port;
   await service.stop("SIGKILL");
   await until(page, "#reason", /No contact with the service/);
-  assert.match(await text(page, "#state"), /STALE/);
+  assert.match(await text(page, "#state"), /NO CONTACT/);
   service = await serve(port);
   await until(page, "#contact", /^connected/);
   for (const datum of data.slice(20, 30)) await post(datum);

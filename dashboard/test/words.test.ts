@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { csv, sensorsTable, stepsTable } from "../src/csv";
 import { clock, duration, given, microseconds, probability, scaleFor, significant, withSpread } from "../src/format";
-import { banner, derived, structure } from "../src/state";
+import { banner, bannerWords, derived, structure } from "../src/state";
 import { eventsOf, merged, stateEvent } from "../src/events";
 import { stepAndClock } from "../src/specs";
 import { stepLine, withProbability } from "./support";
@@ -86,6 +86,37 @@ test("silence is never OK: no datum for five periods, or no contact", () => {
     "DIVERGED",
     "the worse word stays",
   );
+});
+
+test("silence says which it is: waiting for the first datum, no data, no contact", () => {
+  const shown = (more: object) => bannerWords(banner({ ...known, ...more }));
+  const silent = { state: "STALE" as const, data_flow: "silent" as const, reason: "no measurement for more than 5 s" };
+  const waiting = { state: "STALE" as const, data_flow: "waiting" as const, reason: "no measurement yet" };
+  const first = { latest: undefined, lastDatumAt: undefined };
+  assert.deepEqual(shown({ ...first, status: waiting }), ["WAITING"]);
+  assert.equal(banner({ ...known, ...first, status: waiting }).reason, "No measurement yet.");
+  assert.deepEqual(shown({ status: silent }), ["NO DATA"]);
+  assert.deepEqual(shown({ lastDatumAt: undefined, status: silent }), ["NO DATA"], "since the service was started");
+  assert.deepEqual(shown({ connected: false, lostAt: 90000, status: { state: "OK" } }), ["NO CONTACT"]);
+  assert.deepEqual(shown({ ...first, connected: false }), ["NO CONTACT"]);
+  assert.deepEqual(shown({ status: { state: "FINISHED", data_flow: "finished" }, lastDatumAt: 0 }), ["FINISHED"]);
+});
+
+test("silence never covers what is worse: neither BIASED nor a result that must not be used", () => {
+  const biased = { state: "BIASED" as const, reason: "χ² is 200", period_s: 0.1 };
+  const late = banner({ ...known, lastDatumAt: 97000, status: biased });
+  assert.deepEqual(bannerWords(late), ["BIASED", "NO DATA"]);
+  assert.equal(late.reason, "χ² is 200. No datum for 3.0 s (one is expected every 0.1 s).");
+  const after = { ...biased, data_flow: "silent" as const };
+  const restarted = banner({ ...known, lastDatumAt: undefined, status: after });
+  assert.equal(restarted.reason, "χ² is 200. No datum since the service was started.");
+  for (const state of ["BIASED", "DIVERGED", "DEGRADED", "FINISHED"] as const)
+    assert.deepEqual(bannerWords(banner({ ...known, connected: false, lostAt: 90000, status: { state } })), [
+      state,
+      "NO CONTACT",
+    ]);
+  const rejected = stepLine(1, { verdict: { level: "reject", reasons: [reject] } });
+  assert.equal(structure({ state: "STALE", data_flow: "silent" }, rejected)?.level, "reject");
 });
 
 test("without a status the line itself tells", () => {
@@ -181,7 +212,15 @@ test("a change of the service's state is told once, with its cause", () => {
     kind: "bias",
     message: "The service became BIASED: χ² 200",
   });
-  assert.equal(stateEvent(undefined, { state: "STALE" })?.message, "The service is STALE");
+  const waiting = { state: "STALE" as const, data_flow: "waiting" as const, reason: "no measurement yet" };
+  assert.deepEqual(stateEvent(undefined, waiting), {
+    step: 0,
+    severity: "info",
+    kind: "gap",
+    message: "The service waits for the first datum: no measurement yet",
+  });
+  const silent = stateEvent({ state: "OK" }, { ...waiting, data_flow: "silent", reason: "none for 5 s", step: 3 });
+  assert.deepEqual([silent?.severity, silent?.message], ["warning", "Data have stopped: none for 5 s"]);
 });
 
 test("tables: full precision, empty where there is nothing, quoted where needed", () => {

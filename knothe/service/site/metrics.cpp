@@ -26,6 +26,8 @@ const std::map<std::string, std::string>& meanings() {
       {"knothe_deadline_misses_total", "Updates that were later than their deadline."},
       {"knothe_data_age_seconds", "Age of the last accepted datum."},
       {"knothe_state", "1 for the state that holds."},
+      {"knothe_data_flow",
+       "1 for waiting (for the first datum), arriving, silent or finished, whatever the state."},
       {"knothe_structure", "1 for the level of the verdict on the latest published step."},
       {"knothe_pending_measurements", "Accepted measurements that are not in the published line yet."},
       {"knothe_step", "Latest published step."},

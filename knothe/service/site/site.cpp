@@ -574,6 +574,9 @@ bool Site::tick() {
   const std::int64_t step = latest ? static_cast<std::int64_t>(latest->step) : -1;
   for (const char* word : {"OK", "DEGRADED", "STALE", "BIASED", "DIVERGED", "FINISHED"})
     metrics_.set("knothe_state", labels(fmt::format("state=\"{}\"", word)), state.word == word ? 1 : 0);
+  for (const char* flow : SiteHealth::k_data_flows)
+    metrics_.set("knothe_data_flow", labels(fmt::format("flow=\"{}\"", flow)),
+                 state.data_flow == flow ? 1 : 0);
   if (latest)
     for (const auto& level : names_of(latest->verdict))
       metrics_.set("knothe_structure", labels(fmt::format("level=\"{}\"", level.word)),
@@ -588,11 +591,16 @@ bool Site::tick() {
     metrics_.set("knothe_model_version", labels(), verification.version);
   }
   if (step >= 0) metrics_.set("knothe_step", labels(), step);
+  const std::size_t at = std::max<std::int64_t>(step, 0);
+  const bool silent = state.data_flow == "silent";
+  if (age || !silent) alarms_.update_condition("data", at, silent ? "warning" : "", "gap", state.silence);
   if (!health_.update_state(state)) return false;
   log_event(state.word == "OK" || state.word == "FINISHED" ? "info" : "warning", "state",
-            {{"site", name()}, {"state", state.word}, {"reason", state.reason}, {"step", step}});
-  const std::size_t at = std::max<std::int64_t>(step, 0);
-  if (state.word == "STALE" && age) alarms_.raise(at, "warning", "gap", state.reason);
+            {{"site", name()},
+             {"state", state.word},
+             {"reason", state.reason},
+             {"data_flow", state.data_flow},
+             {"step", step}});
   if (state.word == "DEGRADED" && !replaying) alarms_.raise(at, "warning", "deadline", state.reason);
   return true;
 }
@@ -609,8 +617,11 @@ Json Site::status() const {
   const std::lock_guard lock(mutex_);
   const JournalWriter::Tally tally = journal_.tally();
   const SiteHealth::State state = state_of_now(tally);
-  Json status = {
-      {"site", name()}, {"journal", journal_.id()}, {"state", state.word}, {"reason", state.reason}};
+  Json status = {{"site", name()},
+                 {"journal", journal_.id()},
+                 {"state", state.word},
+                 {"reason", state.reason},
+                 {"data_flow", state.data_flow}};
   if (!test().empty()) status["test"] = test();
   if (const auto latest = lines_.latest()) {
     const Line& line = *latest;

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <tuple>
 
 #include "knothe/numerics/statistics/order_statistics.hpp"
 
@@ -79,6 +80,23 @@ SiteHealth::State SiteHealth::state(const Facts& facts) const {
   const auto stale_after = stale_after_s();
   const std::lock_guard lock(mutex_);
   const auto now = monotonic_now();
+  State state = data_flow(facts, now, stale_after);
+  std::tie(state.word, state.reason) = judge(facts, now, budget, state.silence);
+  return state;
+}
+
+SiteHealth::State SiteHealth::data_flow(const Facts& facts, MonotonicTime now,
+                                        std::optional<double> stale_after) const {
+  if (!facts.finished.empty()) return {"", "", "finished", ""};
+  if (accepted_at_.empty() && !facts.latest && !facts.replaying) return {"", "", "waiting", "no measurement yet"};
+  if (accepted_at_.empty()) return {"", "", "silent", "no measurement since the service was started"};
+  if (stale_after && seconds_between(accepted_at_.back(), now) > *stale_after)
+    return {"", "", "silent", fmt::format("no measurement for more than {:.3g} s", *stale_after)};
+  return {"", "", "arriving", ""};
+}
+
+std::pair<std::string, std::string> SiteHealth::judge(const Facts& facts, MonotonicTime now, double budget,
+                                                      const std::string& silence) const {
   if (!facts.failure.empty()) return {"DIVERGED", "the last update failed: " + facts.failure};
   if (const std::string stuck = pulses_.complaint(now); !stuck.empty()) return {"DEGRADED", stuck};
   if (facts.read_only)
@@ -91,27 +109,23 @@ SiteHealth::State SiteHealth::state(const Facts& facts) const {
                         1e3 * oldest)};
   if (facts.replaying) return {"DEGRADED", "the journal is being replayed"};
   if (!facts.finished.empty()) return {"FINISHED", facts.finished};
-  if (!facts.latest && accepted_at_.empty()) return {"STALE", "no measurement yet"};
-  if (accepted_at_.empty()) return {"STALE", "no measurement since the service was started"};
-  if (stale_after && seconds_between(accepted_at_.back(), now) > *stale_after)
-    return {"STALE", fmt::format("no measurement for more than {:.3g} s", *stale_after)};
-  if (last_missed_)
+  if (silence.empty() && last_missed_)
     return {"DEGRADED", fmt::format("the last update was later than its budget of {:.1f} ms", 1e3 * budget)};
-  if (!facts.latest) return {"OK", ""};
-  const Line& line = *facts.latest;
-  if (line.monitor_alarm)
+  // A model that does not fit is told also where no data arrive.
+  if (facts.latest && facts.latest->monitor_alarm)
     return {"BIASED",
-            line.bias_corrected
+            facts.latest->bias_corrected
                 ? "the model, corrected for its bias, has not explained the last data"
                 : "the model has not explained the last data: they drift away from what it predicts"};
-  if (line.is_biased()) return {"BIASED", line.misfit_message};
+  if (facts.latest && facts.latest->is_biased()) return {"BIASED", facts.latest->misfit_message};
+  if (!silence.empty()) return {"STALE", silence};
   return {"OK", ""};
 }
 
 bool SiteHealth::update_state(const State& state) {
   const std::lock_guard lock(mutex_);
-  const bool changed =
-      state.word != state_.word || (state.word != "DEGRADED" && state.reason != state_.reason);
+  const bool changed = state.word != state_.word || state.data_flow != state_.data_flow ||
+                       (state.word != "DEGRADED" && state.reason != state_.reason);
   state_ = state;
   if (changed) ++state_version_;
   return changed;

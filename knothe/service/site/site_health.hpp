@@ -1,9 +1,14 @@
 #pragma once
 /// @file State of a site: the pace of its data, the delays of its lines, its name
 /// (docs/reference/service.md).
+#include <array>
 #include <atomic>
 #include <deque>
 #include <mutex>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "knothe/base/monotonic_time.hpp"
 #include "knothe/project/serve_options.hpp"
@@ -17,7 +22,10 @@ class SiteHealth {
  public:
   struct State {
     std::string word, reason;
+    std::string data_flow;  ///< one of k_data_flows, whatever the word is
+    std::string silence;    ///< why `data_flow` is "waiting" or "silent"
   };
+  static constexpr std::array<const char*, 4> k_data_flows{"waiting", "arriving", "silent", "finished"};
   /// What the state follows from beside the times.
   struct Facts {
     std::shared_ptr<const Line> latest;
@@ -55,6 +63,12 @@ class SiteHealth {
   [[nodiscard]] std::int64_t state_version() const { return state_version_.load(); }
 
  private:
+  /// A state without word and reason; mutex_ held.
+  [[nodiscard]] State data_flow(const Facts& facts, MonotonicTime now,
+                                std::optional<double> stale_after) const;
+  /// Word and reason of the first state that holds; mutex_ held.
+  [[nodiscard]] std::pair<std::string, std::string> judge(const Facts& facts, MonotonicTime now,
+                                                          double budget, const std::string& silence) const;
   static constexpr double k_min_budget = 0.01;  ///< s, where it is derived from the period
   const project::ServeOptions& options_;
   bool strict_;

@@ -57,5 +57,33 @@ TEST(SiteHealth, TheFirstStateThatHoldsIsTold) {
   EXPECT_EQ(health.state_version(), 1);
 }
 
+TEST(SiteHealth, WaitingAndSilenceAreToldApartAndNeverCoverBias) {
+  project::ServeOptions options;
+  options.stale_after = 5;
+  SiteHealth health(options, false);
+  const auto told = [&](const SiteHealth::Facts& facts) {
+    const SiteHealth::State state = health.state(facts);
+    return state.word + " " + state.data_flow + ": " + state.reason;
+  };
+  const auto fits = std::make_shared<Line>(), biased = std::make_shared<Line>(),
+             drifts = std::make_shared<Line>();
+  biased->misfit_message = "the data of step 3 do not fit the model";
+  drifts->monitor_alarm = true;
+  EXPECT_EQ(told({}), "STALE waiting: no measurement yet");
+  EXPECT_EQ(told({fits}), "STALE silent: no measurement since the service was started");
+  EXPECT_EQ(told({biased}), "BIASED silent: the data of step 3 do not fit the model");
+  EXPECT_TRUE(health.update_state(health.state({biased})));
+  health.accept(ago(10));
+  EXPECT_EQ(told({fits}), "STALE silent: no measurement for more than 5 s");
+  EXPECT_EQ(told({biased}), "BIASED silent: the data of step 3 do not fit the model");
+  EXPECT_EQ(health.state({drifts}).word, "BIASED");
+  EXPECT_EQ(told({biased, "no"}), "DIVERGED silent: the last update failed: no");
+  EXPECT_EQ(told({fits, "", false, false, "", "finished by Ada"}), "FINISHED finished: finished by Ada");
+  options.stale_after = 3600;
+  EXPECT_EQ(told({biased}), "BIASED arriving: the data of step 3 do not fit the model");
+  EXPECT_TRUE(health.update_state(health.state({biased}))) << "the word is the same, the flow is not";
+  EXPECT_EQ(told({fits}), "OK arriving: ");
+}
+
 }  // namespace
 }  // namespace knothe::service
