@@ -88,7 +88,8 @@ SiteHealth::State SiteHealth::state(const Facts& facts) const {
 SiteHealth::State SiteHealth::data_flow(const Facts& facts, MonotonicTime now,
                                         std::optional<double> stale_after) const {
   if (!facts.finished.empty()) return {"", "", "finished", ""};
-  if (accepted_at_.empty() && !facts.latest && !facts.replaying) return {"", "", "waiting", "no measurement yet"};
+  if (accepted_at_.empty() && !facts.latest && !facts.replaying)
+    return {"", "", "waiting", "no measurement yet"};
   if (accepted_at_.empty()) return {"", "", "silent", "no measurement since the service was started"};
   if (stale_after && seconds_between(accepted_at_.back(), now) > *stale_after)
     return {"", "", "silent", fmt::format("no measurement for more than {:.3g} s", *stale_after)};
