@@ -170,36 +170,39 @@ bool is_inside(const std::array<double, 4>& region, double right, double up) {
   return right >= left && right <= right_end && up >= low && up <= high;
 }
 
-/// Where the series' points are in the model, NaN for those that are not used: outside the region, or outside
-/// the mesh, as those are whose subset or triangle reaches over an edge of the specimen. `left_out` counts
-/// these.
-Eigen::Matrix3Xd places_of(const FieldOptions& o, const likelihood::FieldSeries& series,
-                           const imaging::PictureFrame& frame, const std::optional<model::Mesh>& mesh,
-                           Index& left_out) {
-  Eigen::Matrix3Xd places(3, std::ssize(series.points));
-  for (Index i = 0; i < places.cols(); ++i) {
+/// Where a series' points are in the model, NaN for those that are not used: outside the region, or outside the
+/// mesh, as those are whose subset or triangle reaches over an edge of the specimen.
+struct Places {
+  Eigen::Matrix3Xd points;
+  Index outside = 0;  ///< the mesh
+};
+
+Places places_of(const FieldOptions& o, const likelihood::FieldSeries& series,
+                 const imaging::PictureFrame& frame, const std::optional<model::Mesh>& mesh) {
+  Places places{Eigen::Matrix3Xd(3, std::ssize(series.points))};
+  Eigen::Matrix3Xd& points = places.points;
+  for (Index i = 0; i < points.cols(); ++i) {
     const auto at = frame.model_point(series.points[i][0], series.points[i][1]);
     const bool used = !o.region || is_inside(*o.region, at[0], at[frame.components()[1]]);
-    places.col(i) = used ? Eigen::Vector3d(at[0], at[1], at[2]) : Eigen::Vector3d::Constant(k_nan);
+    points.col(i) = used ? Eigen::Vector3d(at[0], at[1], at[2]) : Eigen::Vector3d::Constant(k_nan);
   }
-  const Index wanted = places.cols() - places.row(0).array().isNaN().count();
+  const Index wanted = points.cols() - points.row(0).array().isNaN().count();
   if (wanted == 0)
     throw DataError(
         fmt::format("{}: {}", o.files,
                     series.points.empty() ? "all points are lost" : "no point is in data.fields.region"));
-  left_out = 0;
   if (!mesh) return places;
-  const std::vector<bool> inside = model::are_inside(*mesh, {places.data(), std::size_t(places.size())});
-  for (Index i = 0; i < places.cols(); ++i) {
-    if (inside[i] || std::isnan(places(0, i))) continue;
-    places.col(i).setConstant(k_nan);
-    ++left_out;
+  const std::vector<bool> inside = model::are_inside(*mesh, {points.data(), std::size_t(points.size())});
+  for (Index i = 0; i < points.cols(); ++i) {
+    if (inside[i] || std::isnan(points(0, i))) continue;
+    points.col(i).setConstant(k_nan);
+    ++places.outside;
   }
-  if (double(left_out) > k_max_outside * double(wanted))
+  if (double(places.outside) > k_max_outside * double(wanted))
     throw DataError(fmt::format(
         "{}: {} of {} points lie outside the model's mesh: check data.fields.points and model_points (or "
         "origin, angle, y), or give the part that is in the model as data.fields.region",
-        o.files, left_out, wanted));
+        o.files, places.outside, wanted));
   return places;
 }
 
@@ -261,15 +264,15 @@ FieldMeasurements measure_fields(const Project& project, const model::ModelConte
   const std::size_t all_points = series.points.size();
   const Index outliers = o.outliers > 0 ? likelihood::lose_outliers(o.outliers, series) : 0;
   series = likelihood::thinned(series, o.min_distance / frame.scale());
-  Index left_out = 0;
-  place_points(series, places_of(o, series, frame, model.mesh, left_out), frame, displacement_scale, m);
+  const Places places = places_of(o, series, frame, model.mesh);
+  place_points(series, places.points, frame, displacement_scale, m);
   const auto tell = [&](const char* what, Index count) {
     if (count > 0)
       result.read.push_back(
           fmt::format("{}: not used, as {}: {} of {} points", o.files, what, count, all_points));
   };
   tell("they stand out from their neighbours", outliers);
-  tell("they lie outside the model's mesh", left_out);
+  tell("they lie outside the model's mesh", places.outside);
   const double std = o.std ? *o.std : displacement_scale * likelihood::static_std(all.at_rest);
   m.noise = likelihood::NoiseModel::independent(Eigen::VectorXd::Constant(m.values.rows(), std));
   if (first.displacement_unit == "px" || o.relative_scale_std > 0)
