@@ -1,8 +1,10 @@
 """`knothe population`: results of several specimens, and the prior of the next (the mathematics: population_test.cpp)."""
 import json
+import re
 import unittest
 
 from infer_support import InferCase
+from support import REPOSITORY
 
 SPECIMENS = {"A": [1.2, 0.4, 0.1], "B": [1.0, 0.7, -0.3], "C": [1.5, 0.3, 0.4]}
 TABLE = ("Population of 2 specimens", "  a: mean ", "a new specimen's b: ", "correlation of b and a: ", "  B: a ", "log Bayes factor", "Trusted")
@@ -53,6 +55,15 @@ class Test(InferCase):
         for part in ("mean", "spread"):
             for k in range(2):
                 self.assertAlmostEqual(again[part]["mean"][k], three[part]["mean"][k], delta=0.2 * three[part]["std"][k])
+
+    def test_the_command_of_the_page(self):
+        page = (REPOSITORY / "docs/how-to/next-specimen.md").read_text()
+        (command,) = re.findall(r"^```sh\nknothe (population .*)\n```$", page, re.M)
+        for name, place in zip(SPECIMENS, re.findall(r"(specimen-\d)/results", command)):
+            (self.folder / place).mkdir()
+            self.infer_specimen(name, f"{place}/results")
+        self.assertIn("Population of 3 specimens", self.expect(0, *command.split()).out)
+        self.assertTrue((self.folder / "population" / "samples.nc").is_file())
 
     def test_stated_priors_and_the_logarithm(self):
         self.set_priors('a = { prior = "lognormal", mu = 0.0, sigma = 0.5 }', 'b = { prior = "normal", mean = 0.0, std = 1.0 }')
