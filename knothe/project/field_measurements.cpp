@@ -170,8 +170,8 @@ bool is_inside(const std::array<double, 4>& region, double right, double up) {
   return right >= left && right <= right_end && up >= low && up <= high;
 }
 
-/// Where a series' points are in the model, NaN for those that are not used: outside the region, or outside the
-/// mesh, as those are whose subset or triangle reaches over an edge of the specimen.
+/// Where a series' points are in the model, NaN for those that are not used: outside the region, or outside
+/// the mesh, as those are whose subset or triangle reaches over an edge of the specimen.
 struct Places {
   Eigen::Matrix3Xd points;
   Index outside = 0;  ///< the mesh
