@@ -75,6 +75,15 @@ class Test(InferCase):
         self.assertLess(found["spread"]["mean"][0], 0.1)
         self.assertGreater(found["new_specimen"]["quantiles"]["values"][0][0], 0.5)  # of a itself
 
+    def test_priors_that_are_narrower_than_the_population_are_told(self):
+        self.set_priors(*(f'{name} = {{ prior = "normal", mean = {mean}, std = 0.05 }}' for name, mean in (("a", 0.5), ("b", -0.5))))
+        for name in "AB":
+            self.infer_specimen(name)
+        outcome = self.expect(0, "population", "A", "B", "--spread", "a", 50)
+        said = "the population of a is wider than the prior of {}, whose data are known only within that: repeat its inference with a wider prior"
+        for name in "AB":
+            self.assertIn(said.format(name), re.sub(r"\s+", " ", outcome.out + outcome.err))
+
     def test_what_is_wrong_is_told(self):
         for name in "AB":
             self.infer_specimen(name)
