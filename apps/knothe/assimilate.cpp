@@ -10,6 +10,7 @@
 #include "knothe/base/monotonic_time.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/imaging/series/displacement_files.hpp"
+#include "knothe/project/input_tolerances.hpp"
 #include "knothe/project/picture_registration.hpp"
 #include "knothe/project/project_engine.hpp"
 #include "knothe/record/assimilation_output.hpp"
@@ -61,6 +62,7 @@ int assimilate(const AssimilateArguments& arguments) {
   record::ResultsWriter results(project, setup.model, setup.measurements, engine->priors(),
                                 setup.problem.model);
   tell_what_was_found(project, setup);
+  const auto input_errors = project::input_errors(project, setup);
   project::RecordedData data(std::move(setup));
   project::PictureMeasurements* const pictures = data.setup().pictures.get();
   const auto refinement = project::make_refinement(project, data.setup().pictures);
@@ -79,6 +81,11 @@ int assimilate(const AssimilateArguments& arguments) {
       mean = result.update.mean;
       output.show(result, item->picture, pictures);
       results.add_step(result, engine->published_forecasts(result), engine->last_datum(datum.step));
+    }
+    if (output.shown() > 0 && !cancellation_requested()) {
+      const auto shifts = engine->shifts_by(input_errors, mean);
+      results.set_input_shifts(shifts);
+      output.report_input_errors(shifts);
     }
   } catch (const Interrupted&) {  // within a step: those before it are kept
     if (output.shown() == 0) throw;

@@ -42,6 +42,13 @@ const Section<Project>& project_section() {
           "Output of the model whose measured series gives the model time of each datum, e.g. "
           "`\"imposed_displacement\"`; the times in the data file then only give the order "
           "(docs/explanation/assimilation.md).");
+    s.table("tolerances",
+            "How well the inputs are known, each as a share of itself; the results say by how much such an "
+            "error shifts each parameter (docs/explanation/verdict.md).");
+    s.add("tolerances.*", &P::tolerances,
+          "Of `displacements` (pixel size), `clock` (model time, an imposed displacement), `youngs_modulus` "
+          "(of the built-in beam) or a series by its name; 0.01 where it is not given, 0 leaves it out.",
+          between(0, 0.5));
     s.add("results", &P::results, "Folder for results; `-o` overrides it.", file);
   });
   return k_section;

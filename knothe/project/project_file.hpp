@@ -47,6 +47,7 @@ struct Project {
   std::string results = "results/";               ///< resolved
   std::vector<NamedPrior> parameters;             ///< those that are inferred
   std::vector<KnownParameter> known;              ///< and those that are not
+  std::map<std::string, double> tolerances;       ///< of the inputs by name, relative
   MethodOptions method;
   UmbridgeOptions umbridge;
   std::optional<ObservationOptions> observations;

@@ -11,6 +11,7 @@
 #include "knothe/files/json_line.hpp"
 #include "knothe/imaging/series/camera_drift.hpp"
 #include "knothe/record/forecast_text.hpp"
+#include "knothe/record/number_text.hpp"
 #include "knothe/record/picture_record.hpp"
 #include "knothe/record/step_record.hpp"
 
@@ -131,6 +132,21 @@ void AssimilationOutput::report_refinement(const project::Refinement& refinement
              refinement.file());
 }
 
+/// The input whose error would move a parameter most.
+void AssimilationOutput::tell_largest_shift() const {
+  double largest = 0;
+  std::string text;
+  for (const assimilation::InputShift& error : shifts_) {
+    for (Eigen::Index a = 0; a < error.in_std.size(); ++a) {
+      if (std::abs(error.in_std[a]) <= largest) continue;
+      largest = std::abs(error.in_std[a]);
+      text = fmt::format("{} % in {} would shift {} by {:.2g} standard deviations",
+                         plain(100 * error.relative), error.name, axes_[a].name, largest);
+    }
+  }
+  if (!text.empty()) fmt::print("not in these intervals: {} (report: all inputs)\n", text);
+}
+
 void AssimilationOutput::finish(double elapsed_s, const std::string& results_folder) {
   if (json_) {
     const nlohmann::ordered_json last = {{"done", true},
@@ -145,6 +161,7 @@ void AssimilationOutput::finish(double elapsed_s, const std::string& results_fol
              untrusted_.empty() ? "none" : fmt::format("{}", fmt::join(untrusted_, ", ")), results_folder);
   for (const assimilation::NamedForecast& forecast : forecasts_) fmt::print("{}\n", forecast_text(forecast));
   if (!models_.empty()) fmt::print("{}\n", assimilation::comparison_text(models_));
+  tell_largest_shift();
   fmt::print("{}\n", verdict_text(verdict()));
 }
 

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/assimilation/engine/input_errors.hpp"
 #include "knothe/assimilation/engine/step_result.hpp"
 #include "knothe/project/picture_measurements.hpp"
 #include "knothe/project/refinement.hpp"
@@ -24,6 +25,8 @@ class AssimilationOutput {
             const project::PictureMeasurements* pictures);
   /// The model was refined at the step that is shown next.
   void report_refinement(const project::Refinement& refinement);
+  /// What errors of the inputs would do to the last posterior.
+  void report_input_errors(std::vector<assimilation::InputShift> shifts) { shifts_ = std::move(shifts); }
   /// All steps are done.
   void finish(double elapsed_s, const std::string& results_folder);
   [[nodiscard]] assimilation::Verdict verdict() const { return run_.verdict(); }  ///< of the steps so far
@@ -35,6 +38,7 @@ class AssimilationOutput {
                     const project::PictureMeasurements* pictures) const;
   void print_text(const assimilation::StepResult& result, double total_us) const;
   void tell_verdict(const assimilation::UpdateResult& update);
+  void tell_largest_shift() const;
   void tell_sensors(const assimilation::StepResult& result);
 
   bool json_, live_;
@@ -46,6 +50,7 @@ class AssimilationOutput {
   std::set<Eigen::Index> told_;  ///< sensors that stopped
   std::vector<assimilation::ComparedModel> models_;
   std::vector<assimilation::NamedForecast> forecasts_;  ///< of the last step
+  std::vector<assimilation::InputShift> shifts_;
 };
 
 }  // namespace knothe::record

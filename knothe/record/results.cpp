@@ -221,6 +221,13 @@ void read_summary(const std::string& path, Results& results) {
     const JsonObject r = summary.object("refinement");
     results.refinement = {r.number("full_order_runs"), r.number("version"), r.number("moved_std")};
   }
+  if (summary.has("input_errors")) {
+    for (const json& value : summary.at("input_errors")) {
+      const JsonObject e = summary.member("input_errors", value);
+      results.input_shifts.push_back({e.text_or("input"), e.number("relative"), e.boolean("limited"),
+                                      e.vector("shift"), e.vector("shift_std")});
+    }
+  }
   if (summary.has("prior_marginals")) {
     const JsonObject marginals = summary.object("prior_marginals");
     for (const auto& [name, entry] : marginals.value().items())

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "knothe/assimilation/engine/input_errors.hpp"
 #include "knothe/assimilation/update/update_result.hpp"
 
 namespace knothe::record {
@@ -113,8 +114,9 @@ struct Results {
   assimilation::Verdict verdict;  ///< of the run; `judged` false: written by a version that made none
   bool judged = false;
   std::optional<RefinementSummary> refinement;
-  bool monitored = false;   ///< every step has the monitor's record
-  std::vector<Step> steps;  ///< at least one
+  std::vector<assimilation::InputShift> input_shifts;  ///< may be empty
+  bool monitored = false;                              ///< every step has the monitor's record
+  std::vector<Step> steps;                             ///< at least one
 
   [[nodiscard]] std::vector<double> step_numbers() const;
   [[nodiscard]] std::vector<std::size_t> untrusted() const;

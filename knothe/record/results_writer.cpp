@@ -276,6 +276,12 @@ void ResultsWriter::write_summary(const std::string& path, double elapsed_s) con
     }
   }
   if (!refinement_.is_null()) summary["refinement"] = refinement_;
+  for (const assimilation::InputShift& shift : input_shifts_)
+    summary["input_errors"].push_back({{"input", shift.name},
+                                       {"relative", shift.relative},
+                                       {"limited", shift.is_limited},
+                                       {"shift", to_json(shift.shift)},
+                                       {"shift_std", to_json(shift.in_std)}});
   if (!scores_.empty()) summary["scores"] = score_records(scores_);
   if (Json left = residuals(); !left.is_null()) summary["residuals"] = std::move(left);
   if (Json curve = load_displacement(); !curve.is_null()) summary["load_displacement"] = std::move(curve);

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/assimilation/engine/input_errors.hpp"
 #include "knothe/assimilation/engine/step_result.hpp"
 #include "knothe/likelihood/data/measurements.hpp"
 #include "knothe/model/reduced/separated_model.hpp"
@@ -38,6 +39,9 @@ class ResultsWriter {
   /// one.
   void use(const project::Refinement& refinement);
 
+  /// What errors of the inputs would do to the posterior after the last step.
+  void set_input_shifts(std::vector<assimilation::InputShift> shifts) { input_shifts_ = std::move(shifts); }
+
   /// Writes everything. Errors: IoError.
   void write(const std::string& folder, double elapsed_s) const;
   /// Of the steps so far.
@@ -66,6 +70,7 @@ class ResultsWriter {
   std::vector<std::string> lines_;
   std::vector<assimilation::ScoredForecast> scores_;
   nlohmann::ordered_json refinement_;
+  std::vector<assimilation::InputShift> input_shifts_;
 };
 
 }  // namespace knothe::record

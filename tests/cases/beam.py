@@ -4,7 +4,7 @@ import math
 import os
 import unittest
 
-from support import Case, read_csv, without_times
+from support import Case, read_csv, without_times, write_csv
 
 
 class Test(Case):
@@ -36,6 +36,44 @@ class Test(Case):
             std = math.sqrt(last["covariance"][k][k])
             self.assertLess(std, largest)
             self.assertLess(abs(last["mean"][k] - 1), 4 * std)
+
+    def input_errors(self):
+        return {e["input"]: e for e in json.loads((self.folder / "results/summary.json").read_text())["input_errors"]}
+
+    def test_a_modulus_hides_behind_the_parameters_as_the_equations_say(self):
+        """The exact invariance of docs/explanation/verdict.md: E by c, as Y0 by c and Ad by 1/c."""
+        last = self.assimilate()[-1]
+        error = self.input_errors()["youngs_modulus"]
+        for k, power in enumerate((1, -1)):
+            self.assertAlmostEqual(error["shift"][k] / last["mean"][k], 1.01**power - 1, delta=0.002)
+            self.assertAlmostEqual(error["shift_std"][k], error["shift"][k] / math.sqrt(last["covariance"][k][k]), delta=0.05)
+
+    def test_an_error_of_the_displacements_does_what_data_do_that_have_it(self):
+        before = self.assimilate()[-1]
+        error = self.input_errors()["displacements"]
+        self.assertTrue(error["limited"])  # data that are a hundredth too large do not fit
+        # As docs/explanation/verdict.md says.
+        self.assertEqual((f"{100 * error['relative']:.2f}", f"{error['shift_std'][0]:.0f}"), ("0.07", "-3"))
+        self.edit('data = "data.h5"', 'data = "altered.csv"')
+        write_csv(self.folder / "altered.csv",
+                  [{**row, "value": (1 + error["relative"]) * float(row["value"])} for row in read_csv(self.folder / "data.csv")])
+        after = self.assimilate()[-1]
+        for k in range(2):
+            moved = (after["mean"][k] - before["mean"][k]) / math.sqrt(before["covariance"][k][k])
+            self.assertAlmostEqual(error["shift_std"][k], moved, delta=0.02 + 0.02 * abs(moved))
+
+    def test_a_tolerance_changes_its_error_alone_and_zero_leaves_it_out(self):
+        self.edit("[parameters]", "[tolerances]\nclock = 0\nyoungs_modulus = 0.005\n\n[parameters]")
+        self.assimilate()
+        errors = json.loads((self.folder / "results/summary.json").read_text())["input_errors"]
+        self.assertEqual([e["input"] for e in errors], ["displacements", "displacements and clock", "youngs_modulus"])
+        self.assertEqual((errors[2]["relative"], errors[2]["limited"]), (0.005, False))
+
+    def test_a_tolerance_of_nothing_is_told_with_what_there_is(self):
+        self.edit("[parameters]", "[tolerances]\nyoung_modulus = 0.02\n\n[parameters]")
+        run = self.expect(3, "assimilate", self.project_name)
+        self.assertIn('error: "young_modulus" is no input of this test (did you mean "youngs_modulus"?); its inputs are displacements, '
+                      "clock, displacements and clock, youngs_modulus", run.err)
 
     def test_one_thread_and_two_give_the_same_numbers(self):
         one, two = [without_times(self.assimilate(env=dict(os.environ, KNOTHE_THREADS=n))) for n in "12"]

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/assimilation/engine/input_errors.hpp"
 #include "knothe/assimilation/engine/method.hpp"
 #include "knothe/assimilation/engine/step_result.hpp"
 #include "knothe/assimilation/verdict/assessor.hpp"
@@ -69,6 +70,12 @@ class Engine {
   StepResult posterior_at(std::size_t step);
   /// The posterior alone, at once, whatever is stale before it. `step` stays stale.
   StepResult preview(std::size_t step);
+
+  /// What these errors would do to the posterior of all data, which has the mean `mean`.
+  [[nodiscard]] std::vector<InputShift> shifts_by(std::span<const InputError> errors,
+                                                  const Eigen::VectorXd& mean) const {
+    return assimilation::shifts_by(errors, setup_, data_.all(), mean);
+  }
 
   /// Beside a result's forecasts of crack lengths: those of Eq. 33 with the predicted field as a normal one.
   [[nodiscard]] std::vector<NamedForecast> published_forecasts(const StepResult& result);

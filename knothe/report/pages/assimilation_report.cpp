@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <utility>
 
@@ -86,6 +87,39 @@ void add_parameters(Page& page, const record::Results& results) {
             : fmt::format("The error that all values of {} share is {} of its standard deviations.",
                           error.name, value));
   }
+}
+
+std::string input_name(const std::string& name) {
+  static const std::map<std::string, std::string> known = {{"displacements", "displacements (pixel size)"},
+                                                           {"clock", "clock (imposed displacement)"},
+                                                           {"displacements and clock", "both of these"},
+                                                           {"youngs_modulus", "Young's modulus"}};
+  const auto found = known.find(name);
+  return found == known.end() ? name : found->second;
+}
+
+/// What the posterior does not say: errors of the inputs that no test of the data detects.
+void add_input_errors(Page& page, const record::Results& results) {
+  if (results.input_shifts.empty()) return;
+  Table table{"If an input is too large", {"input", "by"}, {}};
+  for (const record::ParameterSummary& p : results.parameters)
+    table.header.push_back(pretty_name(p.name) + " shifts by");
+  for (const assimilation::InputShift& error : results.input_shifts) {
+    TableRow row{{input_name(error.name), record::plain(100 * error.relative) + "\u00a0%" +
+                                              (error.is_limited ? " (the data would show more)" : "")}};
+    for (Eigen::Index a = 0; a < error.shift.size(); ++a)
+      row.cells.push_back(fmt::format("{}{}\u00a0σ ({})", error.in_std[a] < 0 ? "" : "+",
+                                      record::readable(error.in_std[a], 2),
+                                      record::readable(error.shift[a], 2)));
+    table.rows.push_back(std::move(row));
+  }
+  page.tables({table});
+  page.note(
+      "σ: one standard deviation of the posterior. It does not contain these errors: the data fit "
+      "nevertheless, "
+      "by other parameters. [tolerances] in the project file says how well each input is known; what the "
+      "data "
+      "would show is left to the tests of the fit.");
 }
 
 void add_forecasts(Page& page, const record::Results& results) {
@@ -250,6 +284,7 @@ std::string assimilation_report(const record::Results& results, const model::Sep
   add_first_screen(page, results, record);
   add_fit(page, results, record);
   add_parameters(page, results);
+  add_input_errors(page, results);
   add_forecasts(page, results);
   add_learning(page, results);
   add_method(page, results);
