@@ -14,7 +14,7 @@ namespace knothe::files {
 struct Picture {
   int width = 0, height = 0;
   int bit_depth = 8;          ///< of the file: 8, 12 or 16 (1 to 16)
-  float maximum = 255;        ///< the grey level of a saturated pixel
+  float maximum = 255;        ///< the grey level of a saturated pixel; of floating point, one above all
   std::vector<float> pixels;  ///< width × height, as stored (0 … maximum), black is 0
 
   std::string remark;  ///< what is doubtful about measuring in it; mostly empty

@@ -1,5 +1,6 @@
 #include "knothe/files/picture.hpp"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <png.h>
@@ -212,10 +213,9 @@ struct TiffTags {
       planes = PLANARCONFIG_CONTIG, orientation = 1;
 };
 
-/// `planes`: the bytes of each row, of each plane where they are apart.
-void write_tags(const std::string& path, int width, int height, const TiffTags& tags,
-                const std::function<std::vector<std::uint8_t>(int plane, int y)>& row) {
-  TIFF* tiff = TIFFOpen(path.c_str(), "w");
+TIFF* open_tiff(const std::string& path, int width, int height, const TiffTags& tags,
+                const char* mode = "w") {
+  TIFF* tiff = TIFFOpen(path.c_str(), mode);
   TIFFSetField(tiff, TIFFTAG_IMAGEWIDTH, width);
   TIFFSetField(tiff, TIFFTAG_IMAGELENGTH, height);
   TIFFSetField(tiff, TIFFTAG_BITSPERSAMPLE, tags.bits);
@@ -224,6 +224,13 @@ void write_tags(const std::string& path, int width, int height, const TiffTags& 
   TIFFSetField(tiff, TIFFTAG_PHOTOMETRIC, tags.photometric);
   TIFFSetField(tiff, TIFFTAG_PLANARCONFIG, tags.planes);
   TIFFSetField(tiff, TIFFTAG_ORIENTATION, tags.orientation);
+  return tiff;
+}
+
+/// `planes`: the bytes of each row, of each plane where they are apart.
+void write_tags(const std::string& path, int width, int height, const TiffTags& tags,
+                const std::function<std::vector<std::uint8_t>(int plane, int y)>& row) {
+  TIFF* tiff = open_tiff(path, width, height, tags);
   TIFFSetField(tiff, TIFFTAG_ROWSPERSTRIP, 1);
   for (int plane = 0; plane < (tags.planes == PLANARCONFIG_SEPARATE ? tags.samples : 1); ++plane)
     for (int y = 0; y < height; ++y) TIFFWriteScanline(tiff, row(plane, y).data(), y, plane);
@@ -281,6 +288,85 @@ TEST(Picture, TiffsWithAlphaOrPlanesApartOrASignAreRead) {
     return std::vector<std::uint8_t>{1, 2, 3, 4};
   });
   EXPECT_THAT(reason(path), HasSubstr("a TIFF of inks (CMYK): save it in grey levels"));
+}
+
+/// The same rows in strips and in tiles, which the picture does not fill.
+TEST(Picture, TiledTiffsAreTheSamePicturesAsThoseInStrips) {
+  const TestFolder folder;
+  const int width = 37, height = 21, tile = 16;
+  for (const TiffTags& tags : {TiffTags{.bits = 8}, TiffTags{.bits = 16}, TiffTags{.bits = 4},
+                               TiffTags{.samples = 3, .photometric = PHOTOMETRIC_RGB},
+                               TiffTags{.samples = 2, .planes = PLANARCONFIG_SEPARATE}}) {
+    const bool apart = tags.planes == PLANARCONFIG_SEPARATE;
+    const auto bytes = [&](int pixels) { return (pixels * tags.bits * (apart ? 1 : tags.samples) + 7) / 8; };
+    const auto row = [&](int plane, int y) {
+      std::vector<std::uint8_t> values;
+      for (int k = 0; k < bytes(width); ++k)  // grey: three samples a pixel are equal
+        values.push_back(17 * y + 31 * (tags.samples == 3 ? k / 3 : k) + 101 * plane);
+      return values;
+    };
+    write_tags(folder.file("strips.tif"), width, height, tags, row);
+    TIFF* tiff = open_tiff(folder.file("tiles.tif"), width, height, tags);
+    TIFFSetField(tiff, TIFFTAG_TILEWIDTH, tile), TIFFSetField(tiff, TIFFTAG_TILELENGTH, tile);
+    for (int plane = 0; plane < (apart ? tags.samples : 1); ++plane)
+      for (int y0 = 0; y0 < height; y0 += tile)
+        for (int x0 = 0; x0 < width; x0 += tile) {
+          std::vector<std::uint8_t> values(tile * bytes(tile), 0xAB);
+          for (int y = y0; y < std::min(height, y0 + tile); ++y)
+            for (int k = 0; k < std::min(bytes(tile), bytes(width) - bytes(x0)); ++k)
+              values[(y - y0) * bytes(tile) + k] = row(plane, y)[bytes(x0) + k];
+          TIFFWriteTile(tiff, values.data(), x0, y0, 0, plane);
+        }
+    TIFFClose(tiff);
+    EXPECT_EQ(read_picture(folder.file("tiles.tif")).pixels, read_picture(folder.file("strips.tif")).pixels)
+        << tags.bits << " bits, " << tags.samples << " samples";
+  }
+}
+
+template <class Real>
+std::vector<std::uint8_t> bytes_of(const std::vector<Real>& values) {
+  const auto* bytes = reinterpret_cast<const std::uint8_t*>(values.data());
+  return {bytes, bytes + values.size() * sizeof(Real)};
+}
+
+TEST(Picture, FloatingPointIsReadAsItIsAndNeverSaturated) {
+  const TestFolder folder;
+  const std::string path = folder.file("float.tif");
+  write_tags(path, 3, 1, {.bits = 32, .format = SAMPLEFORMAT_IEEEFP}, [](int, int) {
+    return bytes_of<float>({0.25F, 0, 0.75F});
+  });
+  EXPECT_THAT(read_picture(path).pixels, ::testing::ElementsAre(0.25F, 0, 0.75F));
+  EXPECT_GT(read_picture(path).maximum, 0.75F);
+  EXPECT_LT(read_picture(path).maximum, 0.7501F);
+  write_tags(path, 2, 1, {.bits = 64, .format = SAMPLEFORMAT_IEEEFP}, [](int, int) {
+    return bytes_of<double>({1000.5, 2});
+  });
+  EXPECT_THAT(read_picture(path).pixels, ::testing::ElementsAre(1000.5F, 2));
+  for (const float bad : {std::numeric_limits<float>::quiet_NaN(), -1.0F}) {
+    write_tags(path, 2, 1, {.bits = 32, .format = SAMPLEFORMAT_IEEEFP}, [&](int, int) {
+      return bytes_of<float>({3, bad});
+    });
+    EXPECT_THAT(reason(path), HasSubstr(fmt::format("floating point, and pixel (1, 0) is {}: grey levels are "
+                                                    "numbers from 0 on",
+                                                    bad)));
+  }
+}
+
+TEST(Picture, FurtherPagesAreRefusedUnlessTheyAreTheSamePictureInSmall) {
+  const TestFolder folder;
+  const std::string path = folder.file("pages.tif");
+  for (const std::uint32_t kind : {FILETYPE_REDUCEDIMAGE, 0}) {
+    const auto row = [](int, int y) { return std::vector<std::uint8_t>{std::uint8_t(y), 9}; };
+    write_tags(path, 2, 3, {}, row);
+    TIFF* tiff = open_tiff(path, 2, 1, {}, "a");
+    TIFFSetField(tiff, TIFFTAG_SUBFILETYPE, kind);
+    TIFFWriteScanline(tiff, row(0, 7).data(), 0);
+    TIFFClose(tiff);
+    if (kind == FILETYPE_REDUCEDIMAGE)
+      EXPECT_THAT(read_picture(path).pixels, ::testing::ElementsAre(0, 9, 1, 9, 2, 9));
+    else
+      EXPECT_THAT(reason(path), HasSubstr("a TIFF of several pages; save one picture per file"));
+  }
 }
 
 TEST(Picture, ExifTellsTheOrientation) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdarg>
 #include <cstdio>
+#include <limits>
 #include <memory>
 
 #include "knothe/base/error.hpp"
@@ -68,6 +69,76 @@ std::vector<float> palette_levels(TIFF* tiff, const std::string& path, unsigned 
   return levels;
 }
 
+/// Rows of samples as a TIFF stores them, of strips or of tiles, from the first to the last.
+class Rows {
+ public:
+  Rows(TIFF* tiff, const std::string& path, std::uint32_t width, std::int64_t max_pixels)
+      : tiff_(tiff), path_(path), bytes_(TIFFScanlineSize64(tiff)) {
+    if (TIFFIsTiled(tiff) == 0) return;
+    TIFFGetField(tiff, TIFFTAG_TILEWIDTH, &tile_width_);
+    TIFFGetField(tiff, TIFFTAG_TILELENGTH, &tile_height_);
+    if (tile_width_ == 0 || tile_height_ == 0 || std::int64_t{tile_width_} * tile_height_ > max_pixels)
+      fail(path, fmt::format("tiles of {} × {} pixels", tile_width_, tile_height_));
+    tile_.resize(TIFFTileSize64(tiff));
+    across_ = (width + tile_width_ - 1) / tile_width_;
+    bytes_ = across_ * TIFFTileRowSize64(tiff);
+  }
+
+  [[nodiscard]] std::size_t bytes() const { return bytes_; }  ///< of a row of one plane
+
+  void read(std::uint32_t y, std::uint16_t plane, unsigned char* out) {
+    if (tile_.empty()) {
+      if (TIFFReadScanline(tiff_, out, y, plane) != 1) fail_at(y);
+      return;
+    }
+    if (bands_.size() <= plane) bands_.resize(plane + 1);
+    std::vector<unsigned char>& band = bands_[plane];  // a row of tiles, row by row
+    if (y % tile_height_ == 0) {
+      band.resize(bytes_ * tile_height_);
+      const std::size_t part = bytes_ / across_;
+      for (std::uint32_t t = 0; t < across_; ++t) {
+        if (TIFFReadTile(tiff_, tile_.data(), t * tile_width_, y, 0, plane) < 0) fail_at(y);
+        for (std::uint32_t k = 0; k < tile_height_; ++k)
+          std::copy_n(tile_.data() + k * part, part, band.data() + k * bytes_ + t * part);
+      }
+    }
+    std::copy_n(band.data() + y % tile_height_ * bytes_, bytes_, out);
+  }
+
+ private:
+  [[noreturn]] void fail_at(std::uint32_t y) const {
+    fail(path_, fmt::format("row {} cannot be read: the file is truncated or damaged ({})", y, reason()));
+  }
+
+  TIFF* tiff_;
+  const std::string& path_;
+  std::size_t bytes_;
+  std::uint32_t tile_width_ = 0, tile_height_ = 0, across_ = 0;
+  std::vector<unsigned char> tile_;
+  std::vector<std::vector<unsigned char>> bands_;  ///< by plane
+};
+
+/// Grey levels of floating point have no largest one: none of the picture's is saturated.
+void set_maximum_above(Picture& picture, const std::string& path) {
+  for (std::size_t i = 0; i < picture.pixels.size(); ++i)
+    if (const float level = picture.pixels[i]; !std::isfinite(level) || level < 0)
+      fail(path, fmt::format("floating point, and pixel ({}, {}) is {}: grey levels are numbers from 0 on",
+                             i % picture.width, i / picture.width, level));
+  const float largest = *std::max_element(picture.pixels.begin(), picture.pixels.end());
+  picture.maximum = std::nextafter(largest, std::numeric_limits<float>::infinity());
+}
+
+/// Whether the pages behind the first are that picture again in small.
+bool has_further_pictures(TIFF* tiff) {
+  bool further = false;
+  while (!further && TIFFReadDirectory(tiff) == 1) {
+    std::uint32_t kind = 0;
+    further = TIFFGetField(tiff, TIFFTAG_SUBFILETYPE, &kind) != 1 || (kind & FILETYPE_REDUCEDIMAGE) == 0;
+  }
+  TIFFSetDirectory(tiff, 0);
+  return further;
+}
+
 /// Values rounded and clipped to what `bits` hold.
 template <class Integer>
 void round_row(const Picture& picture, int y, Integer* out) {
@@ -109,27 +180,27 @@ Picture picture_formats::read_tiff(const std::string& path, std::size_t file_byt
   if (photometric == PHOTOMETRIC_SEPARATED) fail(path, "a TIFF of inks (CMYK): save it in grey levels");
   if (!grey && !rgb && !palette) fail(path, k_colour);
   const bool has_sign = format == SAMPLEFORMAT_INT && whole_bytes;
-  if ((format != SAMPLEFORMAT_UINT && !has_sign) || bits > 16)
-    fail(path, fmt::format("a TIFF of {} bits a pixel{}; unsigned integers of up to 16 bits can be read, and "
-                           "signed ones that are not negative",
+  const bool is_float = format == SAMPLEFORMAT_IEEEFP && samples == 1 && (bits == 32 || bits == 64) &&
+                        photometric == PHOTOMETRIC_MINISBLACK;
+  if (!is_float && ((format != SAMPLEFORMAT_UINT && !has_sign) || bits > 16))
+    fail(path, fmt::format("a TIFF of {} bits a pixel{}; unsigned integers of up to 16 bits can be read, "
+                           "signed ones that are not negative, and grey levels of floating point",
                            bits,
                            format == SAMPLEFORMAT_IEEEFP ? ", floating point"
                            : format == SAMPLEFORMAT_INT  ? ", signed integers"
                                                          : ""));
-  if (TIFFNumberOfDirectories(tiff.get()) > 1)
-    fail(path, "a TIFF of several pages; save one picture per file");
-  if (TIFFIsTiled(tiff.get()) != 0) fail(path, "a tiled TIFF; save it in strips");
-  Picture picture = sized(path, width, height, palette ? 8 : bits, file_bytes, max_pixels);
+  if (has_further_pictures(tiff.get())) fail(path, "a TIFF of several pages; save one picture per file");
+  Picture picture = sized(path, width, height, is_float ? 16 : palette ? 8 : bits, file_bytes, max_pixels);
   if (has_sign) picture.maximum = bits == 8 ? 127 : 32767;
   const std::vector<float> levels =
       palette ? palette_levels(tiff.get(), path, bits, colour) : std::vector<float>();
   const bool apart = samples > 1 && planes == PLANARCONFIG_SEPARATE;  // a row of each sample after the other
-  const std::size_t row_bytes = TIFFScanlineSize64(tiff.get());
+  Rows rows(tiff.get(), path, width, max_pixels);
+  const std::size_t row_bytes = rows.bytes();
   std::vector<unsigned char> row((apart ? samples : 1) * row_bytes + 2);
   for (std::uint32_t y = 0; y < height; ++y) {
     for (std::uint16_t plane = 0; plane < (apart ? samples : 1); ++plane)
-      if (TIFFReadScanline(tiff.get(), row.data() + plane * row_bytes, y, plane) != 1)
-        fail(path, fmt::format("row {} cannot be read: the file is truncated or damaged ({})", y, reason()));
+      rows.read(y, plane, row.data() + plane * row_bytes);
     float* out = picture.pixels.data() + picture.index(0, y);
     const auto sample = [&](std::size_t x, std::size_t s) {
       const std::size_t k = apart ? x : samples * x + s;
@@ -140,7 +211,11 @@ Picture picture_formats::read_tiff(const std::string& path, std::size_t file_byt
              fmt::format("signed integers, and pixel ({}, {}) is negative: grey levels begin at 0", x, y));
       return static_cast<float>(value);
     };
-    if (rgb)
+    if (is_float)
+      for (std::size_t x = 0; x < width; ++x)
+        out[x] = bits == 32 ? reinterpret_cast<const float*>(row.data())[x]
+                            : float(reinterpret_cast<const double*>(row.data())[x]);
+    else if (rgb)
       for (std::size_t x = 0; x < width; ++x)
         out[x] = grey_of(path, colour, sample(x, 0), sample(x, 1), sample(x, 2));
     else if (samples > 1 || has_sign)
@@ -156,6 +231,7 @@ Picture picture_formats::read_tiff(const std::string& path, std::size_t file_byt
     if (photometric == PHOTOMETRIC_MINISWHITE)
       for (std::uint32_t x = 0; x < width; ++x) out[x] = picture.maximum - out[x];
   }
+  if (is_float) set_maximum_above(picture, path);
   std::uint16_t orientation = 1;
   TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_ORIENTATION, &orientation);
   return oriented(std::move(picture), orientation);

@@ -26,8 +26,7 @@ likelihood::Datum altered(const likelihood::Datum& datum, const InputError& erro
                           const model::ObservedModel& model, const Eigen::VectorXd& mean) {
   likelihood::Datum other = datum;
   const double f = 1 + error.relative, time = model.time[datum.time_index];
-  if (error.readings.size() > 0)
-    other.values.array() *= (std::log(f) * error.readings.array()).exp();
+  if (error.readings.size() > 0) other.values.array() *= (std::log(f) * error.readings.array()).exp();
   Eigen::VectorXd p = mean;
   if (error.parameters.size() > 0) p.array() *= (std::log(f) * error.parameters.array()).exp();
   if (error.clock != 0 || error.parameters.size() > 0)

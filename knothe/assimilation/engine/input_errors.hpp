@@ -16,8 +16,8 @@ namespace knothe::assimilation {
 struct InputError {
   std::string name;
   double relative = 0.01;
-  Eigen::VectorXd readings{};  ///< n; −1 where the model's values are too large, not the readings
-  double clock = 0;            ///< an imposed displacement or load is proportional to the time
+  Eigen::VectorXd readings{};    ///< n; −1 where the model's values are too large, not the readings
+  double clock = 0;              ///< an imposed displacement or load is proportional to the time
   Eigen::VectorXd parameters{};  ///< d: what is known, such as a modulus, acts like a change of these
 };
 

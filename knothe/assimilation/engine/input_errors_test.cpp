@@ -50,15 +50,14 @@ struct LinearTest {
   /// By the covariance of all data at once.
   [[nodiscard]] Eigen::VectorXd exact_mean(const Eigen::MatrixXd& values) const {
     const Eigen::MatrixXd weighted = noise_.llt().solve(jacobian_);
-    const Eigen::MatrixXd precision = weighted.transpose() * jacobian_ +
-                                      Eigen::MatrixXd::Identity(2, 2) / (k_prior_std * k_prior_std);
+    const Eigen::MatrixXd precision =
+        weighted.transpose() * jacobian_ + Eigen::MatrixXd::Identity(2, 2) / (k_prior_std * k_prior_std);
     return Eigen::Vector2d::Ones() + precision.llt().solve(weighted.transpose() * left(values));
   }
 
   /// But for a constant.
   [[nodiscard]] double exact_log_evidence(const Eigen::MatrixXd& values) const {
-    const Eigen::MatrixXd covariance =
-        noise_ + k_prior_std * k_prior_std * jacobian_ * jacobian_.transpose();
+    const Eigen::MatrixXd covariance = noise_ + k_prior_std * k_prior_std * jacobian_ * jacobian_.transpose();
     return -0.5 * left(values).dot(covariance.llt().solve(left(values)));
   }
 
@@ -107,8 +106,8 @@ TEST(InputErrors, OfTheClockMoveTheModelBetweenItsTimes) {
     // Straight lines between the times 0.5, 1.5, …, and beyond the last.
     const Index k = std::min<Index>(t, k_times - 2);
     const double share = found.relative * (0.5 + t);
-    altered.col(t) -= share * (test.problem.model->predict(test.mean, k + 1) -
-                               test.problem.model->predict(test.mean, k));
+    altered.col(t) -=
+        share * (test.problem.model->predict(test.mean, k + 1) - test.problem.model->predict(test.mean, k));
   }
   EXPECT_LT((found.shift - (test.exact_mean(altered) - test.mean)).norm(), 1e-6);
 }
