@@ -3,9 +3,11 @@
 #include <fmt/format.h>
 
 #include <array>
+#include <charconv>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <utility>
 
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
@@ -201,11 +203,37 @@ int picture_formats::exif_orientation(std::string_view block) {
   return 1;
 }
 
-Picture read_picture(const std::string& path, Colour colour, std::int64_t max_pixels) {
+namespace {
+
+/// "stack.tif#3": stack.tif, 3; 0 where it is no such name, or there is a file of it.
+std::pair<std::string, std::size_t> file_and_page(const std::string& path) {
   std::error_code failure;
+  const std::size_t mark = path.rfind('#');
+  std::size_t page = 0;
+  if (mark == std::string::npos || std::filesystem::exists(path, failure)) return {path, 0};
+  const char* end = path.data() + path.size();
+  const auto [rest, error] = std::from_chars(path.data() + mark + 1, end, page);
+  if (error != std::errc() || rest != end || page == 0) return {path, 0};
+  return {path.substr(0, mark), page};
+}
+
+}  // namespace
+
+std::vector<std::string> pictures_in(const std::string& path) {
+  const std::size_t pages = is_tiff(path) ? tiff_pages(path) : 1;
+  if (pages == 1) return {path};
+  std::vector<std::string> names;
+  for (std::size_t page = 1; page <= pages; ++page) names.push_back(fmt::format("{}#{}", path, page));
+  return names;
+}
+
+Picture read_picture(const std::string& name, Colour colour, std::int64_t max_pixels) {
+  std::error_code failure;
+  const auto [path, page] = file_and_page(name);
   if (!std::filesystem::exists(path, failure)) fail(path, "there is no such picture");
   if (std::filesystem::is_directory(path, failure)) fail(path, "this is a folder, not a picture");
-  if (is_tiff(path)) return read_tiff(path, std::filesystem::file_size(path), colour, max_pixels);
+  if (is_tiff(path)) return read_tiff(path, page, std::filesystem::file_size(path), colour, max_pixels);
+  if (page > 0) fail(path, fmt::format("only a TIFF has pages: there is no page {}", page));
   std::string bytes;
   try {
     bytes = read_text(path);

@@ -37,14 +37,18 @@ constexpr auto names_of(Colour /*colour*/) {
 
 /// Reads a picture; the format is told from the content, not from the name. One that is stored in colour, or
 /// by a palette, but holds grey levels only is grey. Errors: DataError naming the file and the reason:
-/// missing, unreadable, truncated, in colour, more than 16 bits, several pages, more than `max_pixels` by its
+/// missing, unreadable, truncated, in colour, more than 16 bits, no page named, more than `max_pixels` by its
 /// header (then nothing is decoded).
+/// "stack.tif#3" is the third page of stack.tif.
 [[nodiscard]] Picture read_picture(const std::string& path, Colour colour = Colour::refuse,
                                    std::int64_t max_pixels = std::int64_t{1} << 32);
 
 /// Writes a grey TIFF of 8 or 16 bits (`bit_depth` ≤ 8: 8), rounding and clipping; atomic. Errors: IoError,
 /// UsageError for a value that is not finite.
 void write_tiff(const std::string& path, const Picture& picture);
+
+/// The pictures of a file, for `read_picture`: the pages of a TIFF that has several, else the file itself.
+[[nodiscard]] std::vector<std::string> pictures_in(const std::string& path);
 /// The same as PNG.
 void write_png(const std::string& path, const Picture& picture);
 /// A picture in colour as PNG: `pixels` are red, green, blue, row by row. Errors: IoError.

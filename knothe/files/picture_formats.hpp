@@ -28,8 +28,11 @@ inline constexpr const char* k_colour =
 /// The orientation that a block of Exif data (TIFF's layout) tells; 1 where it tells none.
 [[nodiscard]] int exif_orientation(std::string_view block);
 
-[[nodiscard]] Picture read_tiff(const std::string& path, std::size_t file_bytes, Colour colour,
-                                std::int64_t max_pixels);
+/// `page`: from 1; 0: the only one.
+[[nodiscard]] Picture read_tiff(const std::string& path, std::size_t page, std::size_t file_bytes,
+                                Colour colour, std::int64_t max_pixels);
+/// Pages that are no smaller copies of others.
+[[nodiscard]] std::size_t tiff_pages(const std::string& path);
 [[nodiscard]] Picture read_png(const std::string& path, const std::string& bytes, Colour colour,
                                std::int64_t max_pixels);
 [[nodiscard]] Picture read_jpeg(const std::string& path, const std::string& bytes, Colour colour,

@@ -352,7 +352,7 @@ TEST(Picture, FloatingPointIsReadAsItIsAndNeverSaturated) {
   }
 }
 
-TEST(Picture, FurtherPagesAreRefusedUnlessTheyAreTheSamePictureInSmall) {
+TEST(Picture, PagesAreNamedAndThoseThatAreTheSamePictureInSmallAreNone) {
   const TestFolder folder;
   const std::string path = folder.file("pages.tif");
   for (const std::uint32_t kind : {FILETYPE_REDUCEDIMAGE, 0}) {
@@ -362,11 +362,20 @@ TEST(Picture, FurtherPagesAreRefusedUnlessTheyAreTheSamePictureInSmall) {
     TIFFSetField(tiff, TIFFTAG_SUBFILETYPE, kind);
     TIFFWriteScanline(tiff, row(0, 7).data(), 0);
     TIFFClose(tiff);
-    if (kind == FILETYPE_REDUCEDIMAGE)
+    if (kind == FILETYPE_REDUCEDIMAGE) {
       EXPECT_THAT(read_picture(path).pixels, ::testing::ElementsAre(0, 9, 1, 9, 2, 9));
-    else
-      EXPECT_THAT(reason(path), HasSubstr("a TIFF of several pages; save one picture per file"));
+      EXPECT_THAT(pictures_in(path), ::testing::ElementsAre(path));
+    }
   }
+  EXPECT_THAT(reason(path), HasSubstr("a TIFF of 2 pages: \"pages.tif#1\" to \"pages.tif#2\" are its "
+                                      "pictures, and `pictures = \"pages.tif\"` takes all"));
+  EXPECT_THAT(pictures_in(path), ::testing::ElementsAre(path + "#1", path + "#2"));
+  EXPECT_THAT(read_picture(path + "#1").pixels, ::testing::ElementsAre(0, 9, 1, 9, 2, 9));
+  EXPECT_THAT(read_picture(path + "#2").pixels, ::testing::ElementsAre(7, 9));
+  EXPECT_THAT(reason(path + "#3"), HasSubstr("there is no page 3 of 2"));
+  EXPECT_THAT(reason(path + "#x"), HasSubstr("there is no such picture"));
+  write_png(folder.file("one.png"), ramp(4, 4, 8));
+  EXPECT_THAT(reason(folder.file("one.png") + "#2"), HasSubstr("only a TIFF has pages: there is no page 2"));
 }
 
 TEST(Picture, ExifTellsTheOrientation) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdarg>
 #include <cstdio>
+#include <filesystem>
 #include <limits>
 #include <memory>
 
@@ -128,15 +129,25 @@ void set_maximum_above(Picture& picture, const std::string& path) {
   picture.maximum = std::nextafter(largest, std::numeric_limits<float>::infinity());
 }
 
-/// Whether the pages behind the first are that picture again in small.
-bool has_further_pictures(TIFF* tiff) {
-  bool further = false;
-  while (!further && TIFFReadDirectory(tiff) == 1) {
+/// The pages that are no smaller copies of others.
+std::vector<tdir_t> pages_of(TIFF* tiff) {
+  std::vector<tdir_t> pages;
+  do {
     std::uint32_t kind = 0;
-    further = TIFFGetField(tiff, TIFFTAG_SUBFILETYPE, &kind) != 1 || (kind & FILETYPE_REDUCEDIMAGE) == 0;
-  }
-  TIFFSetDirectory(tiff, 0);
-  return further;
+    if (TIFFGetField(tiff, TIFFTAG_SUBFILETYPE, &kind) != 1 || (kind & FILETYPE_REDUCEDIMAGE) == 0)
+      pages.push_back(TIFFCurrentDirectory(tiff));
+  } while (TIFFReadDirectory(tiff) == 1);
+  if (pages.empty()) pages.push_back(0);
+  return pages;
+}
+
+Tiff open_tiff(const std::string& path) {
+  TIFFSetErrorHandler(remember_error);
+  TIFFSetWarningHandler(remember_warning);
+  last_error.clear(), last_warning.clear();
+  Tiff tiff(TIFFOpen(path.c_str(), "r"));
+  if (!tiff) fail(path, fmt::format("not a readable TIFF ({})", reason()));
+  return tiff;
 }
 
 /// Values rounded and clipped to what `bits` hold.
@@ -153,13 +164,21 @@ void round_row(const Picture& picture, int y, Integer* out) {
 
 }  // namespace
 
-Picture picture_formats::read_tiff(const std::string& path, std::size_t file_bytes, Colour colour,
-                                   std::int64_t max_pixels) {
-  TIFFSetErrorHandler(remember_error);
-  TIFFSetWarningHandler(remember_warning);
-  last_error.clear(), last_warning.clear();
-  const Tiff tiff(TIFFOpen(path.c_str(), "r"));
-  if (!tiff) fail(path, fmt::format("not a readable TIFF ({})", reason()));
+std::size_t picture_formats::tiff_pages(const std::string& path) {
+  return pages_of(open_tiff(path).get()).size();
+}
+
+Picture picture_formats::read_tiff(const std::string& path, std::size_t page, std::size_t file_bytes,
+                                   Colour colour, std::int64_t max_pixels) {
+  const Tiff tiff = open_tiff(path);
+  const std::vector<tdir_t> pages = pages_of(tiff.get());
+  if (page == 0 && pages.size() > 1)
+    fail(path, fmt::format("a TIFF of {0} pages: \"{1}#1\" to \"{1}#{0}\" are its pictures, and `pictures = "
+                           "\"{1}\"` takes all",
+                           pages.size(), std::filesystem::path(path).filename().string()));
+  if (page > pages.size()) fail(path, fmt::format("there is no page {} of {}", page, pages.size()));
+  if (TIFFSetDirectory(tiff.get(), pages[page == 0 ? 0 : page - 1]) != 1)
+    fail(path, fmt::format("not a readable TIFF ({})", reason()));
   std::uint32_t width = 0, height = 0;
   std::uint16_t samples = 1, bits = 1, format = SAMPLEFORMAT_UINT, photometric = PHOTOMETRIC_MINISBLACK;
   TIFFGetField(tiff.get(), TIFFTAG_IMAGEWIDTH, &width);
@@ -189,7 +208,6 @@ Picture picture_formats::read_tiff(const std::string& path, std::size_t file_byt
                            format == SAMPLEFORMAT_IEEEFP ? ", floating point"
                            : format == SAMPLEFORMAT_INT  ? ", signed integers"
                                                          : ""));
-  if (has_further_pictures(tiff.get())) fail(path, "a TIFF of several pages; save one picture per file");
   Picture picture = sized(path, width, height, is_float ? 16 : palette ? 8 : bits, file_bytes, max_pixels);
   if (has_sign) picture.maximum = bits == 8 ? 127 : 32767;
   const std::vector<float> levels =

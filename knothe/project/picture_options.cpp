@@ -173,7 +173,7 @@ struct Recorded {
 const Section<Recorded>& data_section() {
   static const Section<Recorded> k_section("data", "", [](Section<Recorded>& s) {
     s.add("pictures", &Recorded::folder,
-          "Folder of pictures (`knothe dic`, `knothe assimilate`), alone or with the series of `data.file`; "
+          "Folder of pictures, or TIFF with a picture a page, alone or with the series of `data.file`; "
           "those whose names begin with `reference` are the references, else the first is; a table "
           "`pictures.csv` (`time,file`) in it gives the times.",
           file);

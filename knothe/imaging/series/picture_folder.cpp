@@ -10,6 +10,7 @@
 #include "knothe/base/index.hpp"
 #include "knothe/files/csv.hpp"
 #include "knothe/files/extension.hpp"
+#include "knothe/files/picture.hpp"
 
 namespace knothe::imaging {
 
@@ -54,6 +55,20 @@ void read_table(const std::string& path, const fs::path& folder, PictureFolder& 
   }
 }
 
+/// The first page is the reference.
+PictureFolder pages_of(const std::string& file) {
+  PictureFolder result;
+  result.pictures = files::pictures_in(file);
+  if (result.pictures.size() < 2)
+    throw DataError(
+        fmt::format("{}: error: one picture; a folder, or a TIFF of several pages, holds a "
+                    "reference and at least one deformed picture",
+                    file));
+  result.references = {result.pictures.front()};
+  result.pictures.erase(result.pictures.begin());
+  return result;
+}
+
 }  // namespace
 
 bool is_picture_name(const std::string& name) {
@@ -96,6 +111,7 @@ bool natural_less(const std::string& a, const std::string& b) {
 
 PictureFolder list_pictures(const std::string& folder, const std::vector<std::string>& wanted) {
   std::error_code failure;
+  if (fs::is_regular_file(folder, failure)) return pages_of(folder);
   if (!fs::is_directory(folder, failure))
     throw DataError(fmt::format("{}: error: there is no such folder of pictures", folder));
   std::vector<std::string> names;

@@ -11,13 +11,13 @@ struct PictureFolder {
   std::vector<double> times;            ///< one per picture, or empty
 };
 
-/// What is in a folder. Pictures (.tif, .tiff, .png, .bmp, .pgm; .jpg and .jpeg where there are no others)
-/// are taken in the order of their names, numbers in them by value ("img2" before "img10"); names that begin
-/// with "reference", in whatever case, are the references, otherwise the first picture is. Where the folder
-/// has a table `pictures.csv` with the columns `time,file`, it gives the pictures and their times (a file it
-/// names that is not there is a missing picture). `wanted` (may be empty): names of references to use
-/// instead, relative to the folder. Errors: DataError for a folder that is not there or holds too few
-/// pictures, and for the table.
+/// What is in a folder, or the pages of a TIFF, the first of which is the reference. Pictures (.tif, .tiff,
+/// .png, .bmp, .pgm; .jpg and .jpeg where there are no others) are taken in the order of their names, numbers
+/// in them by value ("img2" before "img10"); names that begin with "reference", in whatever case, are the
+/// references, otherwise the first picture is. Where the folder has a table `pictures.csv` with the columns
+/// `time,file`, it gives the pictures and their times (a file it names that is not there is a missing
+/// picture). `wanted` (may be empty): names of references to use instead, relative to the folder. Errors:
+/// DataError for a folder that is not there or holds too few pictures, and for the table.
 [[nodiscard]] PictureFolder list_pictures(const std::string& folder,
                                           const std::vector<std::string>& wanted = {});
 

@@ -40,5 +40,18 @@ TEST(PictureFolder, JpegsCountWhereThereIsNothingElse) {
   EXPECT_THROW((void)listed({"a.jpg", "b.gif"}), DataError);
 }
 
+TEST(PictureFolder, APlainPictureIsNoSeries) {
+  const files::TestFolder folder;
+  std::ofstream(folder.file("one.png")) << "\x89PNG";
+  try {
+    (void)list_pictures(folder.file("one.png"));
+    FAIL();
+  } catch (const DataError& error) {
+    EXPECT_THAT(error.what(), ::testing::HasSubstr(
+                                  "one.png: error: one picture; a folder, or a TIFF of several pages, holds "
+                                  "a reference and at least one deformed picture"));
+  }
+}
+
 }  // namespace
 }  // namespace knothe::imaging

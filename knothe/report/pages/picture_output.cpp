@@ -38,6 +38,8 @@ std::vector<std::string> stems_of(const std::vector<std::string>& pictures) {
   std::vector<std::string> stems;
   for (const std::string& picture : pictures) {
     std::string stem = fs::path(picture).stem().string();
+    if (const auto page = picture.rfind('#'); page != std::string::npos && !fs::exists(picture))
+      stem += "_" + picture.substr(page + 1);
     if (std::find(stems.begin(), stems.end(), stem) != stems.end()) stem += fmt::format("_{}", stems.size());
     stems.push_back(stem);
   }
