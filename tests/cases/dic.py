@@ -11,7 +11,7 @@ import unittest
 import zlib
 import xml.etree.ElementTree
 
-from dic_pictures import Speckle, write_pgm, write_tiff, write_tiff16
+from dic_pictures import Speckle, write_pages, write_pgm, write_tiff, write_tiff16
 from support import DATA, KNOTHE, Case, python_with
 
 KEYS = ["picture", "iterations", "converged", "residual_rms", "nodes", "elements_rejected", "elapsed_ms", "noise_std_px"]
@@ -227,6 +227,19 @@ class Test(Case):
         # What is left is the residual of no motion.
         self.assertTrue(20 < stripes["residual_rms"] < 150, stripes)
         self.assertTrue((self.folder / "u.h5").exists())
+
+    def test_the_pages_of_a_tiff_are_a_series(self):
+        names = ("reference", "a", "b")
+        self.draw(*names)
+        write_pages(self.folder / "stack.tif", 160, 120, [bytes(level for row in drawn(name) for level in row) for name in names])
+        (self.folder / "stack.toml").write_text(f'[data]\npictures = "stack.tif"\n[dic]\nroi = [{ROI}]\n')
+        points = self.write_points()
+        self.expect(0, "dic", "stack.toml", "--at", "points.csv", "-o", "pages")
+        self.expect(0, "dic", "reference.pgm", "a.pgm", "b.pgm", "--roi", ROI, "--at", "points.csv", "-o", "files")
+        for page, name in (("stack_2", "a"), ("stack_3", "b")):
+            rows = self.table(f"pages/{page}.csv")
+            self.assertEqual(len(rows), len(points))
+            self.assertEqual(str(rows), str(self.table(f"files/{name}.csv")))
 
     def test_a_broken_tiff_is_refused_with_a_reason(self):
         self.draw("reference")

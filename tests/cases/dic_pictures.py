@@ -65,9 +65,18 @@ def write_tiff16(path, rows):
 
 def write_tiff(path, width, height, data, bits=16, compression=1):
     """Little-endian, `data` the only strip."""
-    tags = [(256, 3, width), (257, 3, height), (258, 3, bits), (259, 3, compression), (262, 3, 1), (273, 4, 8), (277, 3, 1),
-            (278, 3, height), (279, 4, len(data))]
-    directory = struct.pack("<H", len(tags)) + b"".join(
-        struct.pack("<HHI", tag, kind, 1) + (struct.pack("<HH", value, 0) if kind == 3 else struct.pack("<I", value))
-        for tag, kind, value in tags) + struct.pack("<I", 0)
-    path.write_bytes(struct.pack("<2sHI", b"II", 42, 8 + len(data)) + data + directory)
+    write_pages(path, width, height, [data], bits, compression)
+
+
+def write_pages(path, width, height, pages, bits=8, compression=1):
+    """Each page: its data, then its directory."""
+    out = struct.pack("<2sHI", b"II", 42, 8 + len(pages[0]))
+    for k, data in enumerate(pages):
+        tags = [(256, 3, width), (257, 3, height), (258, 3, bits), (259, 3, compression), (262, 3, 1), (273, 4, len(out)), (277, 3, 1),
+                (278, 3, height), (279, 4, len(data))]
+        directory = struct.pack("<H", len(tags)) + b"".join(
+            struct.pack("<HHI", tag, kind, 1) + (struct.pack("<HH", value, 0) if kind == 3 else struct.pack("<I", value))
+            for tag, kind, value in tags)
+        out += data + directory
+        out += struct.pack("<I", len(out) + 4 + len(pages[k + 1]) if k + 1 < len(pages) else 0)
+    path.write_bytes(out)
