@@ -373,6 +373,20 @@ TEST(Population, WhatIsWrongIsTold) {
   EXPECT_EQ(solve({{}, {{"aa", 1.0}}}),
             "a prior is stated for \"aa\", but the specimens share a (did you mean \"a\"?)");
   EXPECT_EQ(solve({{{"a", {0, 0}}}, {}}), "the prior stated for \"a\" needs a positive number, not 0");
+  // The posterior of an earlier test as a prior, much narrower than what it is exchanged for.
+  NamedPosterior narrow = a;
+  narrow.posterior.prior->log_dependence = -50 * draws.col(0).array().square();
+  EXPECT_EQ(
+      message_of([&] { (void)specimen_of(narrow, shared); }),
+      "A: its prior cannot be divided out: hardly any point of its posterior would keep a weight. Repeat "
+      "its inference with a wider prior");
+  const Prior prior = Prior::normal(0, 2);
+  NamedPosterior further = named("D", {"a", "e"}, {prior, prior}, draws.replicate(1, 2));
+  further.posterior.prior->log_dependence = Eigen::VectorXd::Zero(draws.rows());
+  EXPECT_EQ(
+      message_of([&] { (void)specimen_of(further, shared); }),
+      "D: its prior is the posterior of an earlier test, of more parameters than the specimens share: give "
+      "results whose priors are independent");
 }
 
 }  // namespace
