@@ -169,6 +169,10 @@ double gradient_noise_variance(double sigma) {
   return along * across;
 }
 
+double texture_of_noise(double gamma, double reference_count, double sigma) {
+  return 2 * gamma * gamma / reference_count * gradient_noise_variance(sigma);
+}
+
 double mean_std(const Eigen::VectorXd& std) {
   const auto count = (std.array() > 0).count();
   return count > 0 ? std.sum() / count : 0;
@@ -213,8 +217,10 @@ Eigen::VectorXd displacement_std(const Eigen::SparseMatrix<double>& matrix) {
   // Nodes that no valid element touches have empty rows: they are left out of the inverse.
   std::vector<int> number(matrix.rows(), -1);
   int count = 0;
-  for (int i = 0; i < matrix.rows(); ++i)
+  for (int i = 0; i < matrix.rows(); ++i) {
+    if (matrix.coeff(i, i) < 0) throw NumericalError("a node has less texture than noise");
     if (matrix.coeff(i, i) > 0) number[i] = count++;
+  }
   std::vector<Eigen::Triplet<double>> entries;
   for (int column = 0; column < matrix.outerSize(); ++column)
     for (Eigen::SparseMatrix<double>::InnerIterator it(matrix, column); it; ++it) {

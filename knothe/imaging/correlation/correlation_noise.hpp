@@ -42,6 +42,10 @@ namespace knothe::imaging {
 /// a Gaussian of `sigma` px (0: not).
 [[nodiscard]] double gradient_noise_variance(double sigma);
 
+/// What noise of `gamma` grey levels in each of the averaged reference pictures takes off the information of
+/// an element, as a mean square of its gradient: one with less than that says nothing.
+[[nodiscard]] double texture_of_noise(double gamma, double reference_count, double sigma);
+
 /// Standard deviation of every nodal displacement from its precision: √(P⁻¹)_kk; 0 at nodes without a valid
 /// element.
 [[nodiscard]] Eigen::VectorXd displacement_std(const Eigen::SparseMatrix<double>& precision);

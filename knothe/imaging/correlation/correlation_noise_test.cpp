@@ -3,7 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
+#include <random>
 #include <string>
 
 #include "knothe/imaging/correlation/spline_image.hpp"
@@ -93,6 +95,34 @@ TEST(CorrelationNoise, StandardDeviationsForAnyNoiseAreThoseOfThePrecision) {
     ASSERT_EQ(std.size(), exact.size());
     for (Eigen::Index k = 0; k < std.size(); ++k) EXPECT_NEAR(std[k], exact[k], 1e-4 * exact[k]) << noise;
   }
+}
+
+/// A hole in the body: four elements that show nothing but the camera's noise.
+TEST(CorrelationNoise, ElementsThatShowNoiseAloneSayNothing) {
+  const double noise = 2;
+  files::Picture picture = pattern().render({}, {.noise = noise, .quantise = false});
+  std::mt19937 random(3);
+  std::normal_distribution<float> grey(60, noise);
+  for (int y = 77; y <= 133; ++y)
+    for (int x = 127; x <= 183; ++x) picture.at(x, y) = grey(random);
+  const ImageMesh mesh = structured_mesh(k_region, 25);
+  std::vector<char> body(mesh.elements.size(), 1);
+  const std::vector<char> all = body;
+  for (std::size_t e = 0; e < body.size(); ++e) {
+    const auto corner = mesh.elements[e][0], opposite = mesh.elements[e][2];
+    const double x = (mesh.x[corner] + mesh.x[opposite]) / 2, y = (mesh.y[corner] + mesh.y[opposite]) / 2;
+    if (x > 130 && x < 180 && y > 80 && y < 130) body[e] = 0;
+  }
+  ASSERT_EQ(std::count(body.begin(), body.end(), 0), 4);
+  ImageCorrelation correlation(picture, mesh);
+  EXPECT_EQ(correlation.usable_elements(), all);  // as long as the noise is not known
+  const Eigen::MatrixXd precision(correlation.precision(all, noise));
+  EXPECT_EQ(precision, Eigen::MatrixXd(correlation.precision(body, noise)));
+  EXPECT_EQ((precision.diagonal().array() == 0).count(), 2);
+  EXPECT_GE(precision.diagonal().minCoeff(), 0);
+  EXPECT_EQ((correlation.displacement_std(all, noise).array() == 0).count(), 2);
+  const ImageCorrelation knowing(picture, mesh, {.least_texture = texture_of_noise(noise, 1, 0)});
+  EXPECT_EQ(knowing.usable_elements(), body);
 }
 
 TEST(CorrelationNoise, GradientOfNoiseHasTheVarianceTold) {

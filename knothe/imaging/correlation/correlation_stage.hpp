@@ -42,6 +42,8 @@ class CorrelationStage {
   [[nodiscard]] const PixelTable& pixels() const { return pixels_; }
   [[nodiscard]] const ReferenceField& reference() const { return reference_; }
   [[nodiscard]] const std::vector<double>& element_gradient() const { return gradient_; }
+  /// Mean square of the gradient in its weaker direction, of each element.
+  [[nodiscard]] const std::vector<double>& element_texture() const { return texture_; }
   /// Elements with texture.
   [[nodiscard]] const std::vector<char>& usable() const { return usable_; }
   /// M of the elements that are valid, plus `mass` times Σ N Nᵀ over their pixels.
@@ -118,7 +120,7 @@ class CorrelationStage {
   PixelTable pixels_;
   CorrelationOptions options_;
   std::vector<Constants> constants_;
-  std::vector<double> gradient_;
+  std::vector<double> gradient_, texture_;
   std::vector<char> usable_;
   std::optional<AffineMotion> large_;  ///< what the motion begins with, where that is not small
   double penalty_ = 0;                 ///< weight of the regularisation, from its wavelength; 0: none

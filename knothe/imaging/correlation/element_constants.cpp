@@ -85,8 +85,7 @@ ReferenceField reference_field(const files::Picture& reference, const files::Pic
 
 void CorrelationStage::make_constants() {
   const std::size_t count = mesh_.elements.size();
-  constants_.resize(count), gradient_.assign(count, 0), usable_.assign(count, 1);
-  std::vector<double> weakest(count, 0);
+  constants_.resize(count), gradient_.assign(count, 0), texture_.assign(count, 0), usable_.assign(count, 1);
   double squares = 0, pixels = 0;
   for (std::size_t e = 0; e < count; ++e) {
     const ElementPixels& element = pixels_.elements()[e];
@@ -120,13 +119,13 @@ void CorrelationStage::make_constants() {
     gradient_[e] = std::sqrt((g[0] + g[2]) / m.count);
     Eigen::Matrix2d texture;
     texture << g[0], g[1], g[1], g[2];
-    weakest[e] = texture.selfadjointView<Eigen::Lower>().eigenvalues()[0] / m.count;
+    texture_[e] = texture.selfadjointView<Eigen::Lower>().eigenvalues()[0] / m.count;
   }
-  const double usual = numerics::upper_median(weakest);
+  const double usual = numerics::upper_median(texture_);
   const std::size_t hidden = std::count(usable_.begin(), usable_.end(), 0);
   std::size_t without = 0, example = 0;
   for (std::size_t e = 0; e < count; ++e)
-    if (!(weakest[e] > k_smallest_texture * usual) || !(usual > 1e-12))
+    if (!(texture_[e] > std::max(k_smallest_texture * usual, options_.least_texture)) || !(usual > 1e-12))
       usable_[e] = 0, ++without, example = e;
   if (2 * without > count) {
     const ElementPixels& element = pixels_.elements()[example];

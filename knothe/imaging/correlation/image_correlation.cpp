@@ -77,6 +77,7 @@ CorrelationOptions coarse_options(CorrelationOptions options, double element) {
   options.regularisation_kind = DisplacementRegularisation::tikhonov;
   options.regularisation = k_coarse_smoothing * element;
   if (options.brightness != Brightness::none) options.brightness = Brightness::global;
+  options.least_texture = 0;  // coarse pictures have less noise
   options.tolerance = 0.02;
   options.max_iterations = 30;
   return options;
@@ -158,6 +159,13 @@ struct ImageCorrelation::Work {
              std::move(mesh), o} {}
 
   const Eigen::ArrayXd& inverse_diagonal(const std::vector<char>& valid, int index);
+  /// M less what the reference's noise alone adds to it, of those elements that have more texture than that.
+  [[nodiscard]] Eigen::SparseMatrix<double> matrix_without_noise(std::vector<char> valid,
+                                                                 double of_noise) const {
+    for (Eigen::Index e = 0; e < std::ssize(valid); ++e)
+      if (!(fine.element_texture()[e] > of_noise)) valid[e] = 0;
+    return fine.matrix(valid, -of_noise);
+  }
   void look_at(const files::Picture& picture) {
     deformed.assign(picture, options.prefilter_sigma, options.threads);
   }
@@ -171,7 +179,7 @@ const Eigen::ArrayXd& ImageCorrelation::Work::inverse_diagonal(const std::vector
   auto& known = inverse_diagonals.at;
   if (const auto found = known.find(index); found != known.end()) return found->second;
   const Eigen::ArrayXd std =
-      imaging::displacement_std(fine.matrix(valid, -2 * std::exp2(index / k_per_octave))).array();
+      imaging::displacement_std(matrix_without_noise(valid, 2 * std::exp2(index / k_per_octave))).array();
   return known[index] = (std > 0).select(std.square().inverse(), 0.0);
 }
 
@@ -304,9 +312,8 @@ Eigen::SparseMatrix<double> ImageCorrelation::matrix() const {
 Eigen::SparseMatrix<double> ImageCorrelation::precision(const std::vector<char>& element_valid, double gamma,
                                                         double reference_count, double gain) const {
   require_noise(gamma);
-  const double reference_variance = gamma * gamma / reference_count;
-  return work_->fine.matrix(element_valid, -2 * reference_variance *
-                                               gradient_noise_variance(work_->options.prefilter_sigma)) /
+  const double of_noise = texture_of_noise(gamma, reference_count, work_->options.prefilter_sigma);
+  return work_->matrix_without_noise(element_valid, of_noise) /
          difference_variance(gamma, reference_count, gain);
 }
 Eigen::VectorXd ImageCorrelation::displacement_std(const std::vector<char>& element_valid, double gamma,

@@ -35,7 +35,10 @@ struct CorrelationOptions {
   Brightness brightness = Brightness::global;
   double prefilter_sigma = 0;  ///< Gaussian on both pictures, px; 1 for sharp, aliased speckle
   double saturation = 0;       ///< grey level from which a pixel is masked; 0: the pictures' maximum
-  double regularisation = 0;   ///< its cut-off wavelength in px (of shear waves), 0: none
+  /// Mean square of the reference's gradient, in its weaker direction, that an element must have; what is
+  /// below `texture_of_noise` is no texture.
+  double least_texture = 0;
+  double regularisation = 0;  ///< its cut-off wavelength in px (of shear waves), 0: none
   DisplacementRegularisation regularisation_kind = DisplacementRegularisation::tikhonov;
   double poisson_ratio = 0.2;   ///< of mechanical regularisation
   bool reject_elements = true;  ///< take out elements whose residual says that their kinematics do not hold

@@ -128,6 +128,10 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
   if (options_.mesh && options_.outline_margin > 0)
     mask = without_outline(MeshField(*options_.mesh), reference.width, reference.height,
                            options_.outline_margin, mask);
+  find_noise(references);
+  if (known_noise_ > 0)
+    options_.correlation.least_texture =
+        texture_of_noise(known_noise_, reference_count(), options_.correlation.prefilter_sigma);
   correlation_ =
       std::make_unique<ImageCorrelation>(std::move(reference), std::move(mesh), options_.correlation, mask);
   contrast_ = correlation_->contrast();
@@ -136,20 +140,23 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
     options_.crack->gap =
         2 + 0.5 * std::sqrt(bounds.width() * bounds.height() / correlation_->mesh().element_count());
   }
-  known_noise_ = options_.noise;
-  if (!(known_noise_ > 0) && references.size() > 1) {
-    double squares = 0;
-    for (Index i = 1; i < std::ssize(references); ++i) {
-      squares += std::pow(noise_from_repeat(references[i - 1], references[i], *options_.region), 2);
-      if (share_of_motion(references[i - 1], references[i], *options_.region) > k_moved)
-        remark(fmt::format(
-            "{}: the surface has moved since {}: the noise that their difference tells is too large; "
-            "references must all show the surface at rest, without load",
-            options_.references[i], options_.references[i - 1]));
-    }
-    known_noise_ = std::max(k_quantisation_noise, std::sqrt(squares / (references.size() - 1)));
-  }
   prefetch(0);
+}
+
+/// As it is stated, or from what repeated references differ by; 0: not known.
+void PictureSeries::find_noise(const std::vector<files::Picture>& references) {
+  known_noise_ = options_.noise;
+  if (known_noise_ > 0 || references.size() < 2) return;
+  double squares = 0;
+  for (Index i = 1; i < std::ssize(references); ++i) {
+    squares += std::pow(noise_from_repeat(references[i - 1], references[i], *options_.region), 2);
+    if (share_of_motion(references[i - 1], references[i], *options_.region) > k_moved)
+      remark(fmt::format(
+          "{}: the surface has moved since {}: the noise that their difference tells is too large; "
+          "references must all show the surface at rest, without load",
+          options_.references[i], options_.references[i - 1]));
+  }
+  known_noise_ = std::max(k_quantisation_noise, std::sqrt(squares / (references.size() - 1)));
 }
 
 void PictureSeries::remark(const std::string& text) {

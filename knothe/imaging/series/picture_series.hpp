@@ -124,6 +124,7 @@ class PictureSeries {
   void prefetch(std::size_t index);
   void remark(const std::string& text);
   [[nodiscard]] Region find_region(const files::Picture& reference);
+  void find_noise(const std::vector<files::Picture>& references);
   void find_prefilter(const files::Picture& reference, const Region& region);
   [[nodiscard]] files::Picture with_levels_of(const files::Picture& reference, files::Picture picture,
                                               const std::string& name);
