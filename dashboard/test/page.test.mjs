@@ -413,6 +413,8 @@ for (const [name, look] of [
     await until(page, "#field .readout", /Sensors/);
     await until(page, "#state", /OK/);
     assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "no scrolling sideways");
+    const banner = await page.locator(".banner").evaluate((e) => [e.scrollWidth, e.clientWidth]);
+    assert.ok(banner[0] <= banner[1], `the banner clips nothing: ${banner[0]} in ${banner[1]} px`);
     const nameless = await page.evaluate(() =>
       [...document.querySelectorAll("button, select, input")]
         .filter((e) => !(e.ariaLabel || e.innerText?.trim() || e.closest("label")))
