@@ -25,8 +25,10 @@ export function BannerView({ store }: { store: Store }) {
   }, [shown, model?.site, model?.test]);
   const look = { ...stateLook, ...quietLook };
   const verdict = structure(status, latest);
+  // That data arrive says nothing of a result that cannot be used: it must not be what is seen first.
+  const calm = verdict !== undefined && verdict.level !== "ok" && shown === "OK";
   return (
-    <section class="banner" aria-label="State">
+    <section class={calm ? "banner calm" : "banner"} aria-label="State">
       <div class="words" role="status" aria-live="polite" id="state">
         {words.map((word) => (
           <div key={word} class="word" style={{ "--state": look[word].colour, "--ink": look[word].ink }}>

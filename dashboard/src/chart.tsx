@@ -287,6 +287,7 @@ function options(live: Live, width: number, height: number, hover: (index: numbe
               scale: "x",
               side: 0 as const,
               size: aboveHeight,
+              gap: 20, // of two lines, the lower one above the plot
               space: 90,
               grid: { show: false },
               values: (_u: uPlot, ticks: number[]) => ticks.map((t) => live.current.spec.above?.(t) ?? ""),

@@ -15,10 +15,15 @@ export function Summary({ model, line, theme }: Props) {
   if (!line) return null;
   const bands = bandsOf(line.quantiles.levels);
   const outer = bands.pairs[0];
+  const level = line.verdict?.level ?? "ok";
+  const shifts = line.verdict?.model_shift_std ?? [];
+  /** As many digits as the whole uncertainty leaves: the reduced model's error too, and of what is rejected two. */
+  const digits = (value: number, std: number, shift: number): string =>
+    level === "reject" ? significant(Number(value.toPrecision(2)), 2) : withSpread(value, std * Math.hypot(1, shift));
   return (
     <section
-      class={`summary ${(line.verdict?.level ?? "ok") === "ok" ? "" : "demoted"}`}
-      aria-label={`Posterior at step ${line.step}`}
+      class={`summary ${{ ok: "", caution: "demoted", reject: "demoted rejected" }[level]}`}
+      aria-label={`Posterior at step ${line.step}${level === "reject" ? ", not usable" : ""}`}
     >
       {quantitiesIn(model, line).map((q) => {
         const f = line.forecast[q.name];
@@ -26,7 +31,7 @@ export function Summary({ model, line, theme }: Props) {
         const scale = scaleFor(q.units ?? f.units, Math.max(...f.values.map(Math.abs)));
         const { pairs, middle } = bandsOf(f.levels);
         const at = (i: number | undefined): string =>
-          i === undefined ? "–" : withSpread(f.values[i]! * scale.factor, f.std * scale.factor);
+          i === undefined ? "–" : digits(f.values[i]! * scale.factor, f.std * scale.factor, Math.max(0, ...shifts));
         const p = f.probability_above_threshold;
         const below = f.probability_below_threshold;
         const threshold = given((q.threshold ?? 0) * scale.factor);
@@ -64,9 +69,10 @@ export function Summary({ model, line, theme }: Props) {
       {parameterNames(model, line).map((name, k) => {
         const parameter = model?.parameters[k];
         const values = line.quantiles.values[k] ?? [];
-        const shift = line.verdict?.model_shift_std?.[k] ?? 0;
-        const std = Math.sqrt(line.covariance[k]?.[k] ?? NaN) * Math.hypot(1, shift);
-        const at = (i: number | undefined): string => (i === undefined ? "–" : withSpread(values[i] ?? NaN, std));
+        const std = Math.sqrt(line.covariance[k]?.[k] ?? NaN);
+        const at = (i: number | undefined, unit = 1): string =>
+          i === undefined ? "–" : digits(unit * (values[i] ?? NaN), Math.abs(unit) * std, shifts[k] ?? 0);
+        const reference = parameter?.reference;
         return (
           <article key={`parameter ${name}`} data-parameter={name}>
             <h3>
@@ -74,15 +80,19 @@ export function Summary({ model, line, theme }: Props) {
             </h3>
             <p class="value">
               {at(bands.middle)}
-              {parameter?.reference && bands.middle !== undefined && (
+              {reference && bands.middle !== undefined && (
                 <small>
                   {" "}
-                  = {significant(parameter.reference.value * (values[bands.middle] ?? NaN))}{" "}
-                  {parameter.reference.units ?? ""}
+                  = {at(bands.middle, reference.value)} {reference.units ?? ""}
                 </small>
               )}
             </p>
-            <p class="interval">{outer ? `${outer.percent} %: ${at(outer.low)} … ${at(outer.high)}` : ""}</p>
+            <p class="interval">
+              {outer ? `${outer.percent} %: ${at(outer.low)} … ${at(outer.high)}` : ""}
+              {outer && reference
+                ? `, ${at(outer.low, reference.value)} … ${at(outer.high, reference.value)} ${reference.units ?? ""}`
+                : ""}
+            </p>
             {parameter?.lower !== undefined && parameter.upper !== undefined && outer && (
               <Interval
                 low={parameter.lower}
@@ -90,6 +100,7 @@ export function Summary({ model, line, theme }: Props) {
                 from={values[outer.low]!}
                 to={values[outer.high]!}
                 middle={values[bands.middle ?? 0]!}
+                colour={level === "ok" ? theme.blue : theme.faint}
                 theme={theme}
               />
             )}
@@ -101,7 +112,15 @@ export function Summary({ model, line, theme }: Props) {
 }
 
 /** The posterior's interval inside the allowed range: how much the data have narrowed it. */
-function Interval(p: { low: number; high: number; from: number; to: number; middle: number; theme: Theme }) {
+function Interval(p: {
+  low: number;
+  high: number;
+  from: number;
+  to: number;
+  middle: number;
+  colour: string;
+  theme: Theme;
+}) {
   const at = (v: number): number => 100 * Math.min(1, Math.max(0, (v - p.low) / (p.high - p.low)));
   return (
     <>
@@ -113,7 +132,7 @@ function Interval(p: { low: number; high: number; from: number; to: number; midd
         aria-label="Interval inside the allowed range"
       >
         <rect x="0" y="2.5" width="100" height="3" fill={p.theme.grid} />
-        <rect x={at(p.from)} y="1" width={Math.max(0.8, at(p.to) - at(p.from))} height="6" fill={p.theme.blue} />
+        <rect x={at(p.from)} y="1" width={Math.max(0.8, at(p.to) - at(p.from))} height="6" fill={p.colour} />
         <rect x={at(p.middle) - 0.4} y="0" width="0.8" height="8" fill={p.theme.text} />
       </svg>
       <p class="ends">

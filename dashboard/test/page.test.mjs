@@ -157,6 +157,32 @@ test("the structure has a state of its own, with its first reason; a withdrawn s
   await until(page, "#verdict", /^The data do not fit the model: component y has the wrong sign\.$/);
   await until(page, "#state", /OK/);
   await until(page, ".events", /component y has the wrong sign/);
+  // The largest and only coloured word is that of the result.
+  const look = await page.evaluate(() =>
+    ["#state .word", "#structure"].map((selector) => {
+      const style = getComputedStyle(document.querySelector(selector));
+      return { size: parseFloat(style.fontSize), colour: style.backgroundColor };
+    }),
+  );
+  assert.ok(look[0].size < look[1].size, JSON.stringify(look));
+  assert.equal(look[0].colour, "rgb(255, 255, 255)");
+  // No number looks as if it could be used: two digits, struck out, nothing blue.
+  const shown = await page.evaluate(() => {
+    const all = (selector) => [...document.querySelectorAll(`.summary.rejected ${selector}`)];
+    const struck = [".value", ".interval", ".failure b", ".failure small"].flatMap(all);
+    return {
+      label: document.querySelector(".summary").getAttribute("aria-label"),
+      struck: struck.map((e) => getComputedStyle(e).textDecorationLine),
+      values: all(".value").map((e) => e.firstChild.textContent.trim()),
+      bars: all(".box rect:nth-child(2)").map((e) => e.getAttribute("fill")),
+      meters: all(".p").map((e) => getComputedStyle(e).filter),
+    };
+  });
+  assert.match(shown.label, /not usable$/);
+  assert.ok(shown.struck.length > 5 && shown.struck.every((line) => line === "line-through"), String(shown.struck));
+  for (const value of shown.values) assert.ok(value.replace(/[^\d]/g, "").replace(/^0+/, "").length <= 3, value);
+  assert.deepEqual(new Set(shown.bars), new Set(["#5b6776"]));
+  assert.ok(shown.meters.every((filter) => filter === "grayscale(1)"));
   const { step } = service.known.at(-1);
   service.withdraw();
   await until(page, "#step", new RegExp(`^${service.known.at(-1).step}\\b`));

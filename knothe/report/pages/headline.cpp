@@ -65,7 +65,8 @@ TableRow parameter_row(const record::Results& results, std::size_t d) {
 TableRow forecast_row(const record::Results& results, const std::string& name) {
   const record::StepForecast& f = results.steps.back().forecast.at(name);
   const ForecastScale scale = forecast_scale(results, name);
-  const double std = scale.factor * f.std;
+  const auto& shift = results.verdict.model_shift_std;  // of a forecast as of the worst parameter
+  const double std = scale.factor * f.std * (shift.size() > 0 ? std::hypot(1.0, shift.maxCoeff()) : 1.0);
   TableRow row{{scale.title, with_unit(record::with_uncertainty(scale.factor * f.mean, std), scale.unit)}};
   row.expired = f.is_past;
   row.cells.push_back(f.values.empty() ? std::string()
