@@ -321,6 +321,18 @@ TEST(Picture, TiledTiffsAreTheSamePicturesAsThoseInStrips) {
     EXPECT_EQ(read_picture(folder.file("tiles.tif")).pixels, read_picture(folder.file("strips.tif")).pixels)
         << tags.bits << " bits, " << tags.samples << " samples";
   }
+  const std::string path = folder.file("vast.tif");
+  TIFF* tiff = open_tiff(path, 16, 16, {});
+  TIFFSetField(tiff, TIFFTAG_TILEWIDTH, tile), TIFFSetField(tiff, TIFFTAG_TILELENGTH, tile);
+  std::vector<std::uint8_t> black(tile * tile);
+  TIFFWriteTile(tiff, black.data(), 0, 0, 0, 0);
+  TIFFClose(tiff);
+  std::string bytes = read_text(path);
+  for (const char tag : {'\x42', '\x43'})  // TileWidth, TileLength: 322, 323
+    bytes.replace(bytes.rfind(std::string{tag, '\x01'}) + 8, 2, "\xF0\xFF");
+  write_text_atomically(path, bytes);
+  EXPECT_THAT(reason(path),
+              HasSubstr("the file is damaged: tiles of 65520 × 65520 pixels in a picture of 16 × 16"));
 }
 
 template <class Real>

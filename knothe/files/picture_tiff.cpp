@@ -73,15 +73,18 @@ std::vector<float> palette_levels(TIFF* tiff, const std::string& path, unsigned 
 /// Rows of samples as a TIFF stores them, of strips or of tiles, from the first to the last.
 class Rows {
  public:
-  Rows(TIFF* tiff, const std::string& path, std::uint32_t width, std::int64_t max_pixels)
+  Rows(TIFF* tiff, const std::string& path, const Picture& picture)
       : tiff_(tiff), path_(path), bytes_(TIFFScanlineSize64(tiff)) {
     if (TIFFIsTiled(tiff) == 0) return;
     TIFFGetField(tiff, TIFFTAG_TILEWIDTH, &tile_width_);
     TIFFGetField(tiff, TIFFTAG_TILELENGTH, &tile_height_);
-    if (tile_width_ == 0 || tile_height_ == 0 || std::int64_t{tile_width_} * tile_height_ > max_pixels)
-      fail(path, fmt::format("tiles of {} × {} pixels", tile_width_, tile_height_));
+    constexpr std::size_t k_always = 1 << 22;  // pixels
+    if (tile_width_ == 0 || tile_height_ == 0 ||
+        std::size_t{tile_width_} * tile_height_ > std::max(k_always, picture.pixels.size()))
+      fail(path, fmt::format("the file is damaged: tiles of {} × {} pixels in a picture of {} × {}",
+                             tile_width_, tile_height_, picture.width, picture.height));
     tile_.resize(TIFFTileSize64(tiff));
-    across_ = (width + tile_width_ - 1) / tile_width_;
+    across_ = (picture.width + tile_width_ - 1) / tile_width_;
     bytes_ = across_ * TIFFTileRowSize64(tiff);
   }
 
@@ -213,7 +216,7 @@ Picture picture_formats::read_tiff(const std::string& path, std::size_t page, st
   const std::vector<float> levels =
       palette ? palette_levels(tiff.get(), path, bits, colour) : std::vector<float>();
   const bool apart = samples > 1 && planes == PLANARCONFIG_SEPARATE;  // a row of each sample after the other
-  Rows rows(tiff.get(), path, width, max_pixels);
+  Rows rows(tiff.get(), path, picture);
   const std::size_t row_bytes = rows.bytes();
   std::vector<unsigned char> row((apart ? samples : 1) * row_bytes + 2);
   for (std::uint32_t y = 0; y < height; ++y) {

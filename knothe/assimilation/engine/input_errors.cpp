@@ -85,9 +85,12 @@ InputShift shift_by(InputError error, const Answer& measured, const Problem& pro
 
 }  // namespace
 
-std::vector<InputShift> shifts_by(std::span<const InputError> errors, const Problem& problem,
+std::vector<InputShift> shifts_by(std::span<const InputError> errors, const Problem& asked,
                                   std::span<const likelihood::DatumPointer> data,
                                   const Eigen::VectorXd& mean) {
+  Problem problem = asked;
+  problem.update.kind = posterior::Method::automatic;
+  problem.update.form = UpdateOptions::Form::collapsed;
   const Answer measured =
       posterior_of(problem, data, [](const likelihood::DatumPointer& datum) { return datum; });
   std::vector<InputShift> shifts;

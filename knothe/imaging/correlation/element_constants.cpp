@@ -123,10 +123,13 @@ void CorrelationStage::make_constants() {
   }
   const double usual = numerics::upper_median(texture_);
   const std::size_t hidden = std::count(usable_.begin(), usable_.end(), 0);
+  // Where most elements show noise alone, that is for whoever judges the pattern to say.
+  const auto is_noise = [&](double texture) { return !(texture > options_.least_texture); };
+  const bool by_noise = 2 * std::count_if(texture_.begin(), texture_.end(), is_noise) <= std::ssize(texture_);
+  const double least = std::max(k_smallest_texture * usual, by_noise ? options_.least_texture : 0.0);
   std::size_t without = 0, example = 0;
   for (std::size_t e = 0; e < count; ++e)
-    if (!(texture_[e] > std::max(k_smallest_texture * usual, options_.least_texture)) || !(usual > 1e-12))
-      usable_[e] = 0, ++without, example = e;
+    if (!(texture_[e] > least) || !(usual > 1e-12)) usable_[e] = 0, ++without, example = e;
   if (2 * without > count) {
     const ElementPixels& element = pixels_.elements()[example];
     if (2 * hidden > count)
