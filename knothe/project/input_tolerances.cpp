@@ -12,7 +12,6 @@ namespace {
 
 using assimilation::InputError;
 
-constexpr double k_usual = 0.01;
 constexpr const char *k_displacements = "displacements", *k_clock = "clock", *k_modulus = "youngs_modulus";
 
 /// How a parameter of the built-in beam must change for a larger E to change nothing but forces: all but

@@ -29,6 +29,7 @@ likelihood::Datum altered(const likelihood::Datum& datum, const InputError& erro
   if (error.readings.size() > 0) other.values.array() *= (std::log(f) * error.readings.array()).exp();
   Eigen::VectorXd p = mean;
   if (error.parameters.size() > 0) p.array() *= (std::log(f) * error.parameters.array()).exp();
+  p = p.cwiseMax(model.functions->lower()).cwiseMin(model.functions->upper());
   if (error.clock != 0 || error.parameters.size() > 0)
     other.values -= predict_at(model, p, time * std::pow(f, error.clock)) - predict_at(model, mean, time);
   return other;
@@ -39,23 +40,15 @@ struct Answer {
   double log_evidence = 0;
 };
 
+/// Nothing where the data have no posterior in the model's box, or overflow.
 template <class Alter>
-Answer posterior_of(const Problem& problem, std::span<const likelihood::DatumPointer> data,
-                    const Alter& alter) {
-  const auto method = make_method(problem);
-  for (const likelihood::DatumPointer& datum : data) method->add(alter(datum), datum->time_index);
-  const UpdateResult& update = method->preview(data.back()->step);
-  return {update.mean, update.standard_deviations(), update.log_evidence};
-}
-
-/// Nothing where the altered data have no posterior in the model's box, or overflow.
-std::optional<Answer> altered_posterior(const InputError& error, const Problem& problem,
-                                        std::span<const likelihood::DatumPointer> data,
-                                        const Eigen::VectorXd& mean) {
+std::optional<Answer> posterior_of(const Problem& problem, std::span<const likelihood::DatumPointer> data,
+                                   const Alter& alter) {
   try {
-    return posterior_of(problem, data, [&](const likelihood::DatumPointer& datum) {
-      return std::make_shared<const likelihood::Datum>(altered(*datum, error, *problem.model, mean));
-    });
+    const auto method = make_method(problem);
+    for (const likelihood::DatumPointer& datum : data) method->add(alter(datum), datum->time_index);
+    const UpdateResult& update = method->preview(data.back()->step);
+    return Answer{update.mean, update.standard_deviations(), update.log_evidence};
   } catch (const NumericalError&) {
   } catch (const DataError&) {
   }
@@ -69,7 +62,9 @@ InputShift shift_by(InputError error, const Answer& measured, const Problem& pro
                     std::span<const likelihood::DatumPointer> data, const Eigen::VectorXd& mean) {
   InputShift shift{error.name, error.relative, false, {}, {}};
   for (int k = 0; k < k_tries; ++k) {
-    const auto answer = altered_posterior(error, problem, data, mean);
+    const auto answer = posterior_of(problem, data, [&](const likelihood::DatumPointer& datum) {
+      return std::make_shared<const likelihood::Datum>(altered(*datum, error, *problem.model, mean));
+    });
     const double fall = answer ? measured.log_evidence - answer->log_evidence : 1e300;
     if (fall <= k_hidden) {
       shift.relative = error.relative;
@@ -91,10 +86,11 @@ std::vector<InputShift> shifts_by(std::span<const InputError> errors, const Prob
   Problem problem = asked;
   problem.update.kind = posterior::Method::automatic;
   problem.update.form = UpdateOptions::Form::collapsed;
-  const Answer measured =
+  const auto measured =
       posterior_of(problem, data, [](const likelihood::DatumPointer& datum) { return datum; });
   std::vector<InputShift> shifts;
-  for (const InputError& error : errors) shifts.push_back(shift_by(error, measured, problem, data, mean));
+  if (!measured) return shifts;
+  for (const InputError& error : errors) shifts.push_back(shift_by(error, *measured, problem, data, mean));
   std::erase_if(shifts, [](const InputShift& shift) { return shift.shift.size() == 0; });
   return shifts;
 }

@@ -32,7 +32,8 @@ struct InputShift {
 /// The posterior after the last step of the data is made again for each error, without its monitor and by
 /// the cheapest method (`auto`), from data that are altered by it; `mean` is where the model is evaluated
 /// for that. An error that costs the evidence more than e²⁰ is one that the tests of the data detect: it is
-/// made smaller until it does not. Cost: some posteriors of all data for each. `data`: by steps, not empty.
+/// made smaller until it does not. Cost: some posteriors of all data for each. `data`: by steps, not empty;
+/// nothing where they have no posterior by that method.
 [[nodiscard]] std::vector<InputShift> shifts_by(std::span<const InputError> errors, const Problem& problem,
                                                 std::span<const likelihood::DatumPointer> data,
                                                 const Eigen::VectorXd& mean);

@@ -145,5 +145,12 @@ TEST(InputErrors, ThatTheDataShowAreMadeSmallerUntilTheyDoNot) {
   EXPECT_FALSE(test.shift(error_of_half()).is_limited);
 }
 
+TEST(InputErrors, OfDataWithoutAPosteriorAreNone) {
+  LinearTest test;
+  const InputError error = error_of_half();
+  const auto datum = likelihood::test::datum(0, Eigen::VectorXd::Constant(k_sensors, 1e200));
+  EXPECT_TRUE(shifts_by(std::span(&error, 1), test.problem, std::span(&datum, 1), test.mean).empty());
+}
+
 }  // namespace
 }  // namespace knothe::assimilation
