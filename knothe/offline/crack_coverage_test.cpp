@@ -155,7 +155,7 @@ struct Watched {
     const assimilation::CrackBridge bridge(
         assimilation::CrackMetaModel(model.contents().crack.length, crack_solutions),
         {field, Eigen::MatrixXd::Zero(field.size(), 1)}, imposed);
-    return bridge.best_lengths(model::RowMatrix::Zero(1, 1))[0];
+    return bridge.nearest(model::RowMatrix::Zero(1, 1)).length[0];
   }
   [[nodiscard]] assimilation::ForecastSpecification length() const {
     assimilation::ForecastSpecification what;

@@ -128,22 +128,28 @@ CrackForecast CrackBridge::update(const Eigen::Ref<const model::RowMatrix>& func
     const auto drawn = numerics::equal_draws_along(along_crack(functions, weights), weights, k_max_samples);
     return update(functions(drawn, Eigen::all), Eigen::VectorXd::Ones(k_max_samples));
   }
-  // Points without weight cost as much as the others.
-  const double least = 1e-12 * weights.sum();
-  std::vector<Index> kept;
-  for (Index i = 0; i < weights.size(); ++i)
-    if (!(weights[i] >= 0.0 && weights[i] <= least)) kept.push_back(i);
-  const Eigen::VectorXd weight = weights(kept);
-  Eigen::MatrixXd misfit = fields_of(functions(kept, Eigen::all));
-  const Eigen::VectorXd lengths = nearest_.lengths(misfit.topRows(crack_rows()));
+  const Nearest found = nearest(functions);
+  return forecast(found.length, found.square, weights);
+}
+
+CrackBridge::Nearest CrackBridge::nearest(const Eigen::Ref<const model::RowMatrix>& functions) const {
+  Eigen::MatrixXd misfit = fields_of(functions);
+  Nearest found{nearest_.lengths(misfit.topRows(crack_rows())), {}};
+  const std::span<const double> lengths(found.length.data(), found.length.size());
+  misfit.topRows(crack_rows()) -= crack_.topRows(crack_rows()) * meta_model_.coordinates(lengths);
+  found.square = misfit.colwise().squaredNorm();
+  return found;
+}
+
+CrackForecast CrackBridge::forecast(const Eigen::Ref<const Eigen::VectorXd>& lengths,
+                                    const Eigen::Ref<const Eigen::VectorXd>& squares,
+                                    const Eigen::Ref<const Eigen::VectorXd>& weights) const {
   CrackForecast forecast;
   const Eigen::VectorXd meant = lengths.unaryExpr([&](double length) { return options_.curve(length); });
-  forecast.length = forecast_of_samples(meant, weight, options_.threshold, options_.error_std);
-  misfit.topRows(crack_rows()) -=
-      crack_.topRows(crack_rows()) * meta_model_.coordinates({lengths.data(), kept.size()});
-  const double square = misfit.colwise().squaredNorm().dot(weight) / weight.sum();
+  forecast.length = forecast_of_samples(meant, weights, options_.threshold, options_.error_std);
   // One of the dofs' worth is spent on the length.
-  forecast.discrepancy_std = std::sqrt(square / std::max<Index>(meta_model_.observations() - 1, 1));
+  forecast.discrepancy_std = std::sqrt(std::max(squares.dot(weights), 0.0) / weights.sum() /
+                                       std::max<Index>(meta_model_.observations() - 1, 1));
   return forecast;
 }
 
@@ -228,14 +234,10 @@ Eigen::MatrixXd CrackBridge::fields_of(const Eigen::Ref<const model::RowMatrix>&
   return (modes_ * functions.transpose()).colwise() + lift_;
 }
 
-Eigen::VectorXd CrackBridge::best_lengths(const Eigen::Ref<const model::RowMatrix>& functions) const {
-  return nearest_.lengths(fields_of(functions).topRows(crack_rows()));
-}
-
 Eigen::VectorXd CrackBridge::along_crack(const Eigen::Ref<const model::RowMatrix>& functions,
                                          const Eigen::Ref<const Eigen::VectorXd>& weights) const {
   const Eigen::RowVectorXd mean = weights.transpose() * functions / weights.sum();
-  const double length = best_lengths(model::RowMatrix(mean))[0];
+  const double length = nearest(model::RowMatrix(mean)).length[0];
   const auto lengths = meta_model_.lengths();
   const double spacing = (lengths.back() - lengths.front()) / (lengths.size() - 1);
   const Eigen::MatrixXd sides = meta_model_.coordinates(std::array{length - spacing, length + spacing});

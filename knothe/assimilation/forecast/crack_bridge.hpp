@@ -49,6 +49,17 @@ class CrackBridge {
   [[nodiscard]] CrackForecast update(const Eigen::Ref<const model::RowMatrix>& functions,
                                      const Eigen::Ref<const Eigen::VectorXd>& weights) const;
 
+  /// Of each sample (n × r) the elastic length whose field is nearest, m, and the square of what is left, m²
+  /// summed over the dofs.
+  struct Nearest {
+    Eigen::VectorXd length, square;  ///< n
+  };
+  [[nodiscard]] Nearest nearest(const Eigen::Ref<const model::RowMatrix>& functions) const;
+  /// The forecast from these, for samples of `weights` (n).
+  [[nodiscard]] CrackForecast forecast(const Eigen::Ref<const Eigen::VectorXd>& lengths,
+                                       const Eigen::Ref<const Eigen::VectorXd>& squares,
+                                       const Eigen::Ref<const Eigen::VectorXd>& weights) const;
+
   /// Eq. 33 with a normal π_u: π(l_T) ∝ N(u_imp u_SVD(l); E[u], Cov[u] + discrepancy_std² I) π₀(l), from the
   /// moments of w (r, r × r). In the coordinates the covariance is C Cov[w] Cᵀ + discrepancy_std² I; outside
   /// of them it is discrepancy_std² I and the misfit is zero. (This is Woodbury's identity without its
@@ -64,9 +75,6 @@ class CrackBridge {
   [[nodiscard]] ScalarForecast published_by_map(const Eigen::Ref<const model::RowMatrix>& functions,
                                                 const Eigen::Ref<const Eigen::VectorXd>& weights,
                                                 double discrepancy_std) const;
-
-  /// The length whose elastic field is nearest to each sample's field, n, in m.
-  [[nodiscard]] Eigen::VectorXd best_lengths(const Eigen::Ref<const model::RowMatrix>& functions) const;
 
   [[nodiscard]] const CrackMetaModel& meta_model() const { return meta_model_; }
   [[nodiscard]] const CrackBridgeOptions& options() const { return options_; }

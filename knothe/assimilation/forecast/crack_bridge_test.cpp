@@ -15,6 +15,7 @@
 #include "knothe/model/testing/test_models.hpp"
 #include "knothe/numerics/functions/cubic_spline.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
+#include "knothe/numerics/statistics/random.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -308,7 +309,7 @@ TEST(CrackBridge, TheForecastFindsTheLengths) {
     truth[i] = 0.01 + 0.06 * (i + 0.5) / n;
     functions.row(i) = meta.coordinates({&truth[i], 1}).transpose();
   }
-  EXPECT_LT((bridge.best_lengths(functions) - truth).cwiseAbs().maxCoeff(), 1e-8);
+  EXPECT_LT((bridge.nearest(functions).length - truth).cwiseAbs().maxCoeff(), 1e-8);
   const CrackForecast forecast = bridge.update(functions, Eigen::VectorXd::Ones(n));
   const ScalarForecast& f = forecast.length;
   EXPECT_LT(forecast.discrepancy_std, 1e-12);
@@ -320,8 +321,8 @@ TEST(CrackBridge, TheForecastFindsTheLengths) {
   functions.row(0) +=
       3.0 *
       (meta.coordinates(std::vector<double>{0.079}) - meta.coordinates(std::vector<double>{0.0})).transpose();
-  EXPECT_GE(bridge.best_lengths(functions)[0], 0.0);
-  EXPECT_LE(bridge.best_lengths(functions)[0], 0.079);
+  EXPECT_GE(bridge.nearest(functions).length[0], 0.0);
+  EXPECT_LE(bridge.nearest(functions).length[0], 0.079);
 }
 
 /// Fields y_k = h l_k + r_k with h linear in l: the nearest length is a projection, and what is left of y_k
@@ -484,13 +485,46 @@ TEST(Forecaster, AHorizonBeforeTheLastDatumIsPast) {
   EXPECT_FALSE(forecasts[1].is_past);
 }
 
-TEST(Forecaster, ALengthOffsetMovesTheCrackAndNothingElse) {
+model::SeparatedModel random_model_with_cracks() {
   model::ModelContents contents = model::random_contents(model::Form::tree);
   contents.outputs.push_back({"imposed_displacement", {"m", ""}, std::vector<double>(5 * 6 * 4, 1.0)});
+  contents.outputs.push_back({"force", {"N", ""}, model::normal_values(5 * 6 * 4, 11)});
   contents.crack = {{0.0, 0.001, 0.002, 0.003, 0.004},
                     model::normal_values(2 * contents.dofs.components.size(), 9),
                     model::normal_values(2 * 5, 10)};
-  const model::SeparatedModel model(std::move(contents));
+  return model::SeparatedModel(std::move(contents));
+}
+
+/// Few points are evaluated one by one; the same points twice are many, and interpolated.
+TEST(Forecaster, ManyPointsGiveWhatTheirValuesGive) {
+  const model::SeparatedModel model = random_model_with_cracks();
+  ForecastSpecification crack, force;
+  crack.name = "crack", force.name = "force", force.output = "force";
+  force.quantity = ForecastSpecification::Quantity::output;
+  crack.horizon = force.horizon = 2.0;
+  crack.threshold = 0.002;
+  const Eigen::VectorXd lower = model.functions()->lower(), width = model.functions()->upper() - lower;
+  for (const double std : {0.02, 0.2}) {
+    Forecaster forecaster(model, model.contents().dofs, {crack, force});
+    const Eigen::ArrayXXd z = 0.5 + std * numerics::monte_carlo_normal_points(250, 2, 4).array();
+    const Eigen::MatrixXd points =
+        (z.max(0.0).min(1.0).matrix() * width.asDiagonal()).rowwise() + lower.transpose();
+    const auto few = forecaster.update(points, Eigen::VectorXd::Ones(250));
+    const auto many = forecaster.update(points.replicate(2, 1), Eigen::VectorXd::Ones(500));
+    for (std::size_t k = 0; k < 2; ++k) {
+      const ScalarForecast &exact = few[k].forecast, &found = many[k].forecast;
+      EXPECT_NEAR(found.mean, exact.mean, 1e-3 * exact.std) << few[k].name << ", " << std;
+      EXPECT_NEAR(found.std, exact.std, 2e-3 * exact.std);
+      for (std::size_t q = 0; q < exact.values.size(); ++q)
+        EXPECT_NEAR(found.values[q], exact.values[q], 0.02 * exact.std);
+    }
+    EXPECT_NEAR(*many[0].bridge_residual_rms, *few[0].bridge_residual_rms,
+                1e-3 * *few[0].bridge_residual_rms);
+  }
+}
+
+TEST(Forecaster, ALengthOffsetMovesTheCrackAndNothingElse) {
+  const model::SeparatedModel model = random_model_with_cracks();
   const auto& dofs = model.contents().dofs;
   ForecastSpecification elastic, meant;
   elastic.name = "elastic", meant.name = "meant";

@@ -104,6 +104,8 @@ Forecaster::Forecaster(const SeparatedModel& model, const model::Dofs& seen,
         break;
     }
   }
+  if (functions_->dimension() == 2)
+    table_.emplace(functions_->lower(), functions_->upper(), 2 * std::ssize(cracks_) + std::ssize(scalars_));
 }
 
 void Forecaster::add_crack(const SeparatedModel& model, const model::Dofs& seen,
@@ -167,23 +169,70 @@ void Forecaster::evaluate_functions(const Eigen::Ref<const Eigen::MatrixXd>& poi
 
 std::vector<NamedForecast> Forecaster::update(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                               const Eigen::Ref<const Eigen::VectorXd>& weights) {
-  std::vector<NamedForecast> forecasts;
-  const auto is_of_model = [&](const Scalar& scalar) { return scalar.quantity.is_of(*functions_); };
-  if (!cracks_.empty() || std::any_of(scalars_.begin(), scalars_.end(), is_of_model))
-    evaluate_functions(points);  // once for all of them
-  for (const Crack& crack : cracks_) {
-    CrackForecast forecast = crack.bridge.update(batch_.value, weights);
-    forecasts.push_back(
-        {crack.name, "m", moved(std::move(forecast.length), crack.offset), forecast.discrepancy_std});
-  }
-  for (const Scalar& scalar : scalars_) {
-    forecasts.push_back({scalar.name, scalar.units,
-                         is_of_model(scalar) ? scalar.quantity.update_from_functions(batch_.value, weights)
-                                             : scalar.quantity.update(points, weights),
-                         std::nullopt});
-  }
+  // Points without weight cost as much as the others.
+  const double least = 1e-12 * weights.sum();
+  std::vector<Index> kept;
+  for (Index i = 0; i < weights.size(); ++i)
+    if (!(weights[i] >= 0.0 && weights[i] <= least)) kept.push_back(i);
+  const Eigen::MatrixXd at = points(kept, Eigen::all);
+  const Eigen::VectorXd weight = weights(kept);
+  std::vector<NamedForecast> forecasts =
+      table_ ? forecasts_of(table_->evaluate(at, weight, [&](const auto& nodes) { return values_at(nodes); }),
+                            weight)
+             : forecasts_from(at, weight);
   complete(forecasts);
   return forecasts;
+}
+
+/// What `table_` holds.
+Eigen::MatrixXd Forecaster::values_at(const Eigen::MatrixXd& points) {
+  Eigen::MatrixXd values(points.rows(), 2 * std::ssize(cracks_) + std::ssize(scalars_));
+  evaluate_functions(points);
+  Index column = 0;
+  for (const Crack& crack : cracks_) {
+    CrackBridge::Nearest nearest = crack.bridge.nearest(batch_.value);
+    values.col(column++) = std::move(nearest.length);
+    values.col(column++) = std::move(nearest.square);
+  }
+  for (const Scalar& scalar : scalars_)
+    values.col(column++) = scalar.quantity.is_of(*functions_) ? scalar.quantity.values(batch_.value)
+                                                              : scalar.quantity.evaluate(points);
+  return values;
+}
+
+std::vector<NamedForecast> Forecaster::forecasts_of(const Eigen::MatrixXd& values,
+                                                    const Eigen::VectorXd& weights) const {
+  std::vector<NamedForecast> forecasts;
+  Index column = 0;
+  for (const Crack& crack : cracks_) {
+    forecasts.push_back(
+        forecast_of(crack, crack.bridge.forecast(values.col(column), values.col(column + 1), weights)));
+    column += 2;
+  }
+  for (const Scalar& scalar : scalars_)
+    forecasts.push_back(
+        {scalar.name, scalar.units, scalar.quantity.forecast(values.col(column++), weights), std::nullopt});
+  return forecasts;
+}
+
+/// The same without a table: of a crack from some of the points, where they are many.
+std::vector<NamedForecast> Forecaster::forecasts_from(const Eigen::MatrixXd& points,
+                                                      const Eigen::VectorXd& weights) {
+  std::vector<NamedForecast> forecasts;
+  evaluate_functions(points);
+  for (const Crack& crack : cracks_)
+    forecasts.push_back(forecast_of(crack, crack.bridge.update(batch_.value, weights)));
+  for (const Scalar& scalar : scalars_)
+    forecasts.push_back({scalar.name, scalar.units,
+                         scalar.quantity.is_of(*functions_)
+                             ? scalar.quantity.forecast(scalar.quantity.values(batch_.value), weights)
+                             : scalar.quantity.update(points, weights),
+                         std::nullopt});
+  return forecasts;
+}
+
+NamedForecast Forecaster::forecast_of(const Crack& crack, CrackForecast found) {
+  return {crack.name, "m", moved(std::move(found.length), crack.offset), found.discrepancy_std};
 }
 
 void Forecaster::complete(std::vector<NamedForecast>& forecasts) const {

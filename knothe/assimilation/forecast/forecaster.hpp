@@ -14,6 +14,7 @@
 #include "knothe/assimilation/forecast/scalar_forecast.hpp"
 #include "knothe/base/enum_names.hpp"
 #include "knothe/model/reduced/separated_model.hpp"
+#include "knothe/numerics/functions/lattice_table.hpp"
 
 namespace knothe::assimilation {
 
@@ -96,6 +97,12 @@ class Forecaster {
     QuantityOfInterest quantity;
   };
   void evaluate_functions(const Eigen::Ref<const Eigen::MatrixXd>& points);
+  [[nodiscard]] static NamedForecast forecast_of(const Crack& crack, CrackForecast found);
+  [[nodiscard]] Eigen::MatrixXd values_at(const Eigen::MatrixXd& points);
+  [[nodiscard]] std::vector<NamedForecast> forecasts_of(const Eigen::MatrixXd& values,
+                                                        const Eigen::VectorXd& weights) const;
+  [[nodiscard]] std::vector<NamedForecast> forecasts_from(const Eigen::MatrixXd& points,
+                                                          const Eigen::VectorXd& weights);
   void add_crack(const model::SeparatedModel& model, const model::Dofs& seen,
                  const ForecastSpecification& specification);
   void add_displacement(const model::SeparatedModel& model, const ForecastSpecification& specification);
@@ -107,6 +114,7 @@ class Forecaster {
   std::vector<ForecastSpecification> specifications_;
   std::vector<Crack> cracks_;
   std::vector<Scalar> scalars_;
+  std::optional<numerics::LatticeTable> table_;  ///< two for each crack, length and square; then the scalars
   model::FunctionBatch batch_;
 };
 

@@ -29,18 +29,20 @@ Eigen::VectorXd QuantityOfInterest::evaluate(const Eigen::Ref<const Eigen::Matri
   model::FunctionBatch batch;
   batch.resize(points.rows(), points.cols(), functions_->count(), 0);
   functions_->evaluate(points, 0, batch);
-  return (batch.value * coefficients_).array() + offset_;
+  return values(batch.value);
 }
 
 ScalarForecast QuantityOfInterest::update(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                           const Eigen::Ref<const Eigen::VectorXd>& weights) const {
-  return forecast_of_samples(evaluate(points), weights, threshold_, error_std_);
+  return forecast(evaluate(points), weights);
 }
 
-ScalarForecast QuantityOfInterest::update_from_functions(
-    const Eigen::Ref<const model::RowMatrix>& functions,
-    const Eigen::Ref<const Eigen::VectorXd>& weights) const {
-  const Eigen::VectorXd values = (functions * coefficients_).array() + offset_;
+Eigen::VectorXd QuantityOfInterest::values(const Eigen::Ref<const model::RowMatrix>& functions) const {
+  return (functions * coefficients_).array() + offset_;
+}
+
+ScalarForecast QuantityOfInterest::forecast(const Eigen::Ref<const Eigen::VectorXd>& values,
+                                            const Eigen::Ref<const Eigen::VectorXd>& weights) const {
   return forecast_of_samples(values, weights, threshold_, error_std_);
 }
 

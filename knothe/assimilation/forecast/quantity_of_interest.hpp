@@ -24,9 +24,10 @@ class QuantityOfInterest {
   /// The distribution of q under the weighted posterior points (n × d, n).
   [[nodiscard]] ScalarForecast update(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                       const Eigen::Ref<const Eigen::VectorXd>& weights) const;
-  /// The same where w at the points is at hand (n × r).
-  [[nodiscard]] ScalarForecast update_from_functions(const Eigen::Ref<const model::RowMatrix>& functions,
-                                                     const Eigen::Ref<const Eigen::VectorXd>& weights) const;
+  /// Its halves where w at the points (n × r), or q there (n), is at hand.
+  [[nodiscard]] Eigen::VectorXd values(const Eigen::Ref<const model::RowMatrix>& functions) const;
+  [[nodiscard]] ScalarForecast forecast(const Eigen::Ref<const Eigen::VectorXd>& values,
+                                        const Eigen::Ref<const Eigen::VectorXd>& weights) const;
   /// Whether it is one of these functions' values.
   [[nodiscard]] bool is_of(const model::ParameterFunctions& functions) const {
     return functions_.get() == &functions;

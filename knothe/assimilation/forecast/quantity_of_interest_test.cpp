@@ -66,7 +66,7 @@ TEST(QuantityOfInterest, ProductOfIndependentParameters) {
   model::FunctionBatch batch;
   batch.resize(points.rows(), 2, 4, 0);
   Bilinear().evaluate(points, 0, batch);
-  EXPECT_EQ(q.update_from_functions(batch.value, Eigen::VectorXd::Ones(points.rows())).mean, f.mean);
+  EXPECT_EQ(q.values(batch.value), q.evaluate(points));
 }
 
 TEST(QuantityOfInterest, SaysWhatDoesNotFit) {

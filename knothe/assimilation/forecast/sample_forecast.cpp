@@ -2,6 +2,7 @@
 #include <boost/math/tools/toms748_solve.hpp>
 #include <cmath>
 #include <cstdint>
+#include <utility>
 
 #include "knothe/assimilation/forecast/scalar_forecast.hpp"
 #include "knothe/base/error.hpp"
@@ -12,8 +13,6 @@
 
 namespace knothe::assimilation {
 namespace {
-
-constexpr int k_density_points = 161;
 
 void check(const Eigen::Ref<const Eigen::VectorXd>& values,
            const Eigen::Ref<const Eigen::VectorXd>& weights) {
@@ -29,8 +28,8 @@ std::vector<double> even_points(double low, double high, int count) {
   return points;
 }
 
-/// Many samples as few: their weights shared out linearly over even points, an eighth of the kernel's width
-/// apart. The mean stays; the variance that this adds is taken from the kernel's.
+/// Many samples as few: their weights shared out linearly over even points, an eighth of the error apart. The
+/// mean stays; the variance that this adds is taken from the error's.
 struct Binned {
   std::vector<double> points, weights;
   double kernel_std;
@@ -81,17 +80,6 @@ void add_error(const Binned& samples, double total, double std, double threshold
   forecast.probability_above_threshold = 1.0 - probability_below(threshold, samples, total);
 }
 
-/// Top of a density known at even points: the top of the parabola through the largest value and its
-/// neighbours.
-double top_of(const std::vector<double>& points, const std::vector<double>& density) {
-  const std::size_t best = std::max_element(density.begin(), density.end()) - density.begin();
-  if (best == 0 || best + 1 == points.size()) return points[best];
-  const double curvature = density[best - 1] - 2.0 * density[best] + density[best + 1];
-  if (!(curvature < 0.0)) return points[best];
-  const double shift = 0.5 * (density[best - 1] - density[best + 1]) / curvature;
-  return points[best] + std::clamp(shift, -0.5, 0.5) * (points[best + 1] - points[best]);
-}
-
 }  // namespace
 
 ScalarForecast forecast_of_samples(const Eigen::Ref<const Eigen::VectorXd>& values,
@@ -109,23 +97,19 @@ ScalarForecast forecast_of_samples(const Eigen::Ref<const Eigen::VectorXd>& valu
   numerics::WeightedQuantiles().compute(x, w, k_quantile_levels, result.values);
   const double above = (values.array() > threshold).select(weights.array(), 0.0).sum() / total;
   result.probability_above_threshold = std::clamp(above, 0.0, 1.0);
+  const double std = result.std, quartile_distance = result.values[3] - result.values[1];
 
+  if (error_std > 0.0)
+    add_error(bin(x, w, values.minCoeff(), values.maxCoeff(), error_std), total, error_std, threshold,
+              result);
   // Never narrower than rounding allows, so that equal samples make a narrow bell instead of an infinite one.
-  const double kernel =
-      std::max(numerics::kernel_bandwidth(x, w), 1e-9 * std::max(std::abs(result.mean), 1e-9));
-  const double width = std::hypot(kernel, error_std);
-  result.points =
-      even_points(values.minCoeff() - 3.5 * width, values.maxCoeff() + 3.5 * width, k_density_points);
-  const auto binned_for = [&](double std) { return bin(x, w, values.minCoeff(), values.maxCoeff(), std); };
-  if (error_std > 0.0) add_error(binned_for(error_std), total, error_std, threshold, result);
-  const Binned binned = binned_for(width);
-  result.density = numerics::kernel_density(binned.points, binned.weights, binned.kernel_std, result.points);
-  const auto best = std::max_element(result.density.begin(), result.density.end()) - result.density.begin();
-  const double spacing = result.points[1] - result.points[0];
-  const double centre = result.points[best];
-  const std::vector<double> near = even_points(centre - spacing, centre + spacing, 33);
-  result.maximum_a_posteriori =
-      top_of(near, numerics::kernel_density(binned.points, binned.weights, binned.kernel_std, near));
+  const double bandwidth = std::max(numerics::silverman_bandwidth(result.mean, std, quartile_distance,
+                                                                  total * total / weights.squaredNorm()),
+                                    1e-9 * std::max(std::abs(result.mean), 1e-9));
+  numerics::KernelDensity density = numerics::kernel_density(x, w, std::hypot(bandwidth, error_std));
+  result.points = std::move(density.points);
+  result.density = std::move(density.density);
+  result.maximum_a_posteriori = density.top;
   return result;
 }
 

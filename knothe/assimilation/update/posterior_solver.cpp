@@ -81,12 +81,16 @@ PosteriorSolver::PosteriorSolver(const model::ObservedModel& model,
   if (kind_ == posterior::Method::grid && transform_->dimension() > 3)
     throw ProjectError("method.kind = \"grid\" takes 1 to 3 parameters; use \"transport\" for more");
   if (options.noise_level) target_.infer_noise_level(*options.noise_level);
-  solver_.prepare(transform_->dimension());
   if (posterior::is_filter(kind_)) {
     make_filter();
   } else if (options.form == UpdateOptions::Form::composed) {
     composition_.emplace(model, transform_, central);
   }
+  // Where maps are the usual way, what they need is made beforehand: tenths of a second.
+  const Eigen::Index d = transform_->dimension();
+  if (composition_ || kind_ == posterior::Method::transport ||
+      (kind_ == posterior::Method::automatic && d > k_max_particle_parameters))
+    solver_.prepare(d);
 }
 
 void PosteriorSolver::make_filter() {

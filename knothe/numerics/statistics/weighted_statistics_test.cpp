@@ -71,28 +71,35 @@ TEST(OrderStatistics, MedianAndQuantiles) {
   EXPECT_EQ(upper_median(std::vector<double>{}), 0);
 }
 
-TEST(KernelDensity, BandwidthOfANormalDensity) {
-  // Deterministic "samples": quantiles of the density, so that the answer has no sampling noise.
-  const std::size_t n = 2000;
-  std::vector<double> normal;
-  for (std::size_t i = 0; i < n; ++i)
-    normal.push_back(3 + 2 * normal_quantile((static_cast<double>(i) + 0.5) / n));
-  const std::vector<double> w(n, 0.25);
-  EXPECT_NEAR(effective_count(w), n, 1e-9);
-  EXPECT_NEAR(kernel_bandwidth(normal, w), 0.9 * 2 * std::pow(n, -0.2), 0.02);
+TEST(KernelDensity, SilvermansBandwidth) {
+  EXPECT_DOUBLE_EQ(silverman_bandwidth(3, 2, 2.68, 32), 0.9);  // 32^(−1/5) = ½
+  EXPECT_DOUBLE_EQ(silverman_bandwidth(3, 2, 1.34, 32), 0.45);
+  EXPECT_DOUBLE_EQ(silverman_bandwidth(3, 2, 0, 32), 0.9);  // half of the points are the same
+  EXPECT_GT(silverman_bandwidth(2, 0, 0, 1), 0);
 }
 
 TEST(KernelDensity, IsTheSumOfItsKernels) {
-  const std::vector<double> x = {0, 1, 5}, w = {1, 2, 1}, at = {-1, 0.5, 5, 40};
-  const auto density = kernel_density(x, w, 0.7, at);
-  for (std::size_t i = 0; i < at.size(); ++i) {
+  const std::vector<double> x = {0, 1, 5, 1e9}, w = {1, 2, 1, 0};
+  const KernelDensity found = kernel_density(x, w, 0.7);
+  const auto exact = [&](double at) {
     double sum = 0;
-    for (std::size_t k = 0; k < 3; ++k) sum += w[k] / 4 * normal_pdf((at[i] - x[k]) / 0.7) / 0.7;
-    EXPECT_NEAR(density[i], sum, 1e-14);
-  }
-  EXPECT_GT(kernel_bandwidth(std::vector<double>{2, 2}, std::vector<double>{1, 1}), 0);
-  EXPECT_THROW((void)kernel_density(x, w, 0, at), UsageError);
-  EXPECT_THROW((void)kernel_bandwidth(x, std::vector<double>{1, -1, 1}), UsageError);
+    for (std::size_t k = 0; k < 3; ++k) sum += w[k] / 4 * normal_pdf((at - x[k]) / 0.7) / 0.7;
+    return sum;
+  };
+  EXPECT_EQ(found.points.size(), 161U);
+  EXPECT_DOUBLE_EQ(found.points.front(), -3.5 * 0.7);
+  EXPECT_NEAR(found.points.back(), 5 + 3.5 * 0.7, 1e-12);
+  for (std::size_t i = 0; i < found.points.size(); ++i)
+    EXPECT_NEAR(found.density[i], exact(found.points[i]), 5e-4) << found.points[i];
+  EXPECT_GT(exact(found.top), exact(found.top - 0.02));
+  EXPECT_GT(exact(found.top), exact(found.top + 0.02));
+}
+
+TEST(KernelDensity, RefusesWhatItCannotUse) {
+  const std::vector<double> x = {0, 1};
+  EXPECT_THROW((void)kernel_density(x, std::vector<double>{1, 1}, 0), UsageError);
+  EXPECT_THROW((void)kernel_density(x, std::vector<double>{1, -1}, 1), UsageError);
+  EXPECT_THROW((void)kernel_density(x, std::vector<double>{0, 0}, 1), UsageError);
 }
 
 TEST(LatticeQuantiles, OfANormalDensityFromFewNodes) {
