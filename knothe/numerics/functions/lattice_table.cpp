@@ -40,7 +40,8 @@ LatticeTable::LatticeTable(const Eigen::VectorXd& lower, const Eigen::VectorXd& 
 
 Eigen::MatrixXd LatticeTable::evaluate(const Eigen::MatrixXd& points, const Eigen::VectorXd& weights,
                                        const Functions& functions) {
-  if (!possible_ || points.rows() < k_min_points || !set_levels(points, weights) || !locate(points))
+  if (!possible_ || points.rows() < k_min_points || !points.allFinite() || !set_levels(points, weights) ||
+      !locate(points))
     return functions(points);
   fill_window(functions);
   Eigen::MatrixXd values = interpolate();

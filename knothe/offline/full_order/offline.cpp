@@ -193,8 +193,7 @@ std::string run_key(const BeamProblem& problem) {
     law = fmt::format(" | crack band {:a}", regularisation.reference_size);
   else if (regularisation.kind == DamageRegularisation::gradient)
     law = fmt::format(" | gradient {:a}", regularisation.internal_length);
-  if (p.law == SofteningLaw::exponential) law += " | exponential";
-  if (p.law == SofteningLaw::bilinear) law += " | bilinear";
+  if (p.law != SofteningLaw::brittle) law += fmt::format(" | {}", to_text(p.law));
   return fmt::format(
       "version {} | {} | left {} | E {:a} nu {:a} | Y0 {:a} Ad {:a} | {} steps {:a} m | tolerance {:a} {:a} "
       "| {} {} {} {:a} {}{}",
