@@ -23,13 +23,6 @@ Json triples(const std::vector<double>& flat) {
   return rows;
 }
 
-std::string units_of(const Site& site, const assimilation::ForecastSpecification& specification) {
-  if (specification.quantity != assimilation::ForecastSpecification::Quantity::output) return "m";
-  for (const auto& output : site.setup().model.contents().outputs)
-    if (output.name == specification.output) return output.labels.units;
-  return "";
-}
-
 /// What the project file says of a parameter's physical value; none where it has no offline phase.
 const project::OfflineParameter* offline_parameter(const project::Project& project, const std::string& name) {
   if (!project.offline) return nullptr;
@@ -122,7 +115,7 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
     const bool crack = specification.quantity == assimilation::ForecastSpecification::Quantity::crack_length;
     if (specification.threshold || crack)
       entry["threshold"] = specification.threshold.value_or(specification.prior_mean);
-    entry["units"] = units_of(site, specification);
+    entry["units"] = forecast_units(contents, specification);
     forecasts.push_back(entry);
   }
   const bool on_nodes = contents.mesh && !contents.dofs.empty();

@@ -304,7 +304,7 @@ void Site::retract(std::size_t step) {
   if (!before || before->step != step) return;
   // What its line began to say holds no more; what the line before it says holds again.
   const auto latest = lines_.latest();
-  alarms_.update_conditions(latest ? *latest : Line());
+  alarms_.update_conditions(latest ? *latest : Line(), latest && is_informed(*latest, priors_));
 }
 
 /// In the order of the steps, because the monitor judges each by those before it. Where many wait the newest
@@ -349,7 +349,8 @@ void Site::publish_step(std::size_t step, bool preview) {
 
 void Site::publish(std::shared_ptr<Line> line, bool judged) {
   const auto latest = lines_.latest();
-  if (judged && (!latest || latest->step <= line->step)) alarms_.update_conditions(*line);
+  if (judged && (!latest || latest->step <= line->step))
+    alarms_.update_conditions(*line, is_informed(*line, priors_));
   const std::lock_guard lock(mutex_);
   lines_.publish(std::move(line));
 }

@@ -9,6 +9,8 @@
 #include <nlohmann/json.hpp>
 #include <string_view>
 
+#include "knothe/record/forecast_text.hpp"
+
 namespace knothe::service {
 
 Json json_of(const Alarm& alarm) {
@@ -62,7 +64,7 @@ void SiteAlarms::update_condition(const std::string& condition, std::size_t step
   add({0, static_cast<std::int64_t>(step), severity, kind, message, condition, 0, std::nullopt});
 }
 
-void SiteAlarms::update_conditions(const Line& line) {
+void SiteAlarms::update_conditions(const Line& line, bool informed) {
   const auto update = [&](const std::string& condition, const std::string& severity, const std::string& kind,
                           const std::string& message) {
     update_condition(condition, line.step, severity, kind, message);
@@ -71,12 +73,16 @@ void SiteAlarms::update_conditions(const Line& line) {
     const auto it = line.above_threshold.find(specification.name);
     if (it == line.above_threshold.end() || !specification.threshold) continue;
     const double p = it->second;
+    const std::string units =
+        line.model ? forecast_units(line.model->setup.model.contents(), specification) : "";
     update("threshold " + specification.name,
-           p >= 0.5    ? "alarm"
+           !informed   ? ""
+           : p >= 0.5  ? "alarm"
            : p >= 0.05 ? "warning"
                        : "",
            "threshold",
-           fmt::format("P({} > {:g}) is {:.3g}", specification.name, *specification.threshold, p));
+           fmt::format("P({} > {}) is {}", specification.name,
+                       record::given_text(*specification.threshold, units), record::probability_text(p)));
   }
   update("bias", line.is_biased() ? "alarm" : "", "bias", line.misfit_message);
   update("monitor", line.monitor_alarm ? "alarm" : "", "bias",
