@@ -23,11 +23,14 @@ Json triples(const std::vector<double>& flat) {
   return rows;
 }
 
-/// What the project file says of a parameter's physical value; none where it has no offline phase.
-const project::OfflineParameter* offline_parameter(const project::Project& project, const std::string& name) {
-  if (!project.offline) return nullptr;
-  for (const project::OfflineParameter& parameter : project.offline->parameters)
-    if (parameter.name == name) return &parameter;
+/// The physical value of a parameter's 1, and its units where they are known.
+Json reference_of(std::span<const model::Axis> axes, const std::string& name) {
+  for (const model::Axis& axis : axes) {
+    if (axis.name != name) continue;
+    Json reference = {{"value", axis.reference}};
+    if (const std::string units = model::reference_units(axis); !units.empty()) reference["units"] = units;
+    return reference;
+  }
   return nullptr;
 }
 
@@ -100,10 +103,8 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
     if (std::isfinite(priors[k].lower())) parameter["lower"] = priors[k].lower();
     if (std::isfinite(priors[k].upper())) parameter["upper"] = priors[k].upper();
     parameter["units"] = "1";
-    if (const auto* offline = offline_parameter(project, project.parameters[k].name)) {
-      parameter["reference"] = {{"value", offline->reference}};
-      if (!offline->units.empty()) parameter["reference"]["units"] = offline->units;
-    }
+    if (const Json reference = reference_of(contents.axes, project.parameters[k].name); !reference.is_null())
+      parameter["reference"] = reference;
     parameter["quantiles"] = {{"levels", numerics::k_quantile_levels}, {"values", values}};
     parameters.push_back(parameter);
   }
@@ -116,6 +117,7 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
     if (specification.threshold || crack)
       entry["threshold"] = specification.threshold.value_or(specification.prior_mean);
     entry["units"] = forecast_units(contents, specification);
+    if (!specification.output.empty()) entry["output"] = specification.output;
     forecasts.push_back(entry);
   }
   const bool on_nodes = contents.mesh && !contents.dofs.empty();
