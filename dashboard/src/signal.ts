@@ -28,10 +28,15 @@ export interface LoadingAxis {
   words: (time: number) => string;
 }
 
-export function loadingAxis(s: Pick<SignalAnswer, "times" | "loading">, timeLabel: string): LoadingAxis {
-  const { times, loading } = s;
+type Loaded = Pick<SignalAnswer, "times" | "loading">;
+
+function rises(values: readonly number[]): boolean {
+  return values.every((u, i) => i === 0 || u > values[i - 1]!);
+}
+
+export function loadingAxis({ times, loading }: Loaded, timeLabel: string): LoadingAxis {
   const overTime = { label: timeLabel, at: (t: number) => t, words: (t: number) => `at t = ${given(t)}` };
-  if (!loading || !loading.values.every((u, i) => i === 0 || u > loading.values[i - 1]!)) return overTime;
+  if (!loading || !rises(loading.values)) return overTime;
   const scale = scaleFor(loading.units, size(loading.values));
   const at = (time: number): number => scale.factor * interpolated(times, loading.values, time);
   return {
@@ -39,6 +44,12 @@ export function loadingAxis(s: Pick<SignalAnswer, "times" | "loading">, timeLabe
     at,
     words: (t) => `at ${given(at(t))} ${scale.units}`,
   };
+}
+
+/** What is imposed at a model time, where it rises. */
+export function loadingAt({ times, loading }: Loaded, time: number): QuantityDescription["loading"] {
+  if (!loading || !rises(loading.values) || !(time >= times[0]! && time <= times[times.length - 1]!)) return undefined;
+  return { value: interpolated(times, loading.values, time), units: loading.units };
 }
 
 /** Linear between the times, held at the ends. */

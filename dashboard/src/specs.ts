@@ -223,7 +223,14 @@ function horizonMarks(base: Base, q: QuantityDescription): Mark[] {
 }
 
 export function quantityWords(q: QuantityDescription): string {
-  return q.horizon === undefined ? quantityName(q) : `${quantityName(q)} at t = ${given(q.horizon)}`;
+  return q.horizon === undefined ? quantityName(q) : `${quantityName(q)} at ${horizonWords(q)}`;
+}
+
+/** In units of the loading where they are known: "120 µm", "t = 0.3". */
+function horizonWords({ horizon, loading }: QuantityDescription): string {
+  if (!loading) return `t = ${given(horizon ?? NaN)}`;
+  const scale = scaleFor(loading.units, Math.abs(loading.value));
+  return `${given(loading.value * scale.factor)} ${scale.units}`;
 }
 
 function quantityName(q: QuantityDescription): string {

@@ -73,6 +73,8 @@ export interface QuantityDescription {
   output?: string;
   units?: string;
   horizon?: number;
+  /** What is imposed at the horizon. */
+  loading?: { value: number; units: string };
   threshold?: number;
 }
 

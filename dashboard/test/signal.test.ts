@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { theme } from "../src/colour";
-import { signalSpec } from "../src/signal";
+import { loadingAt, signalSpec } from "../src/signal";
+import { quantityWords } from "../src/specs";
 import type { SignalAnswer } from "../src/types";
 
 const force: SignalAnswer = {
@@ -43,6 +44,15 @@ test("a force over the stroke: measured, predicted, forecast; threshold and hori
       [280, "horizon at 280 µm"],
     ],
   );
+});
+
+test("a horizon in units of the loading, which a test that unloads does not have", () => {
+  assert.deepEqual(loadingAt(force, 0.875), { value: 3.5e-4, units: "m" });
+  assert.equal(loadingAt(force, 1.1), undefined);
+  assert.equal(loadingAt({ ...force, loading: { ...force.loading!, values: [1, 2, 2, 3] } }, 0.5), undefined);
+  const horizon = { name: "crack", horizon: 0.3, loading: { value: 1.2e-4, units: "m" } };
+  assert.equal(quantityWords(horizon), "crack at 120 µm");
+  assert.equal(quantityWords({ name: "crack", horizon: 0.3 }), "crack at t = 0.3");
 });
 
 test("without a loading, or where it unloads, over time", () => {

@@ -1,5 +1,6 @@
 /** What a report holds as JSON: the record that the program left, and what its pictures need of the model. All numbers are SI. */
 import { prettyUnits } from "../format";
+import { loadingAt } from "../signal";
 import type { Model, ParameterDescription, QuantityDescription, StepLine } from "../types";
 
 /** A density of one number on increasing points. */
@@ -235,8 +236,18 @@ export function modelOf(record: Assimilation): Model {
       ...(prior ? { levels, values: quantilesOf(prior, levels) } : {}),
     };
   });
+  const { load } = record;
+  const loaded = load && {
+    times: load.time,
+    loading: { name: "imposed_displacement", units: "m", values: load.displacement },
+  };
+  const loading = (time: number | undefined): Pick<QuantityDescription, "loading"> => {
+    const found = loaded && time !== undefined ? loadingAt(loaded, time) : undefined;
+    return found ? { loading: found } : {};
+  };
   const quantities = Object.entries(summary.forecasts ?? {}).map(([name, f]): QuantityDescription => ({
     name,
+    ...loading(f.horizon),
     ...(f.quantity === undefined ? {} : { quantity: f.quantity }),
     ...(f.output === undefined ? {} : { output: f.output }),
     ...(f.unit === undefined ? {} : { units: prettyUnits(f.unit) }),

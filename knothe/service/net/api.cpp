@@ -329,7 +329,8 @@ void Api::route(const HttpRequest& request, const Answer& answer) {
   if (path == "/v1/tests")  // opens the journal of each
     return later(*slow_worker_, answer, [this, request, answer] { answer(read(request)); });
   if (path == "/v1/quarantine" || path == "/v1/mesh" || path == "/v1/field" || path == "/v1/picture" ||
-      path == "/v1/samples" || path == "/v1/signal" || path == "/v1/states" || path == "/v1/description" || path == "/v1/logbook")
+      path == "/v1/samples" || path == "/v1/signal" || path == "/v1/states" || path == "/v1/description" ||
+      path == "/v1/logbook")
     return later(*worker_, answer, [this, request, answer] { answer(read(request)); });
   answer(read(request));
 }

@@ -8,7 +8,7 @@ namespace knothe::service {
 namespace {
 
 constexpr Eigen::Index k_draws = 100;
-constexpr std::size_t k_most_measured = 400;  // each is read from disk where it is old
+constexpr std::size_t k_max_measured = 400;  // each is read from disk where it is old
 constexpr double k_sigmas_of_95_percent = 1.959963984540054;
 
 /// Of one sensor at a time step: rows are points of the parameters, n × d.
@@ -55,7 +55,7 @@ Json measured(const Site& site, std::size_t last, Eigen::Index sensor) {
   Json time = Json::array(), value = Json::array();
   auto steps = site.lines().events_from(0);
   std::erase_if(steps, [&](const auto& entry) { return entry.second > last; });
-  const std::size_t stride = 1 + steps.size() / k_most_measured;
+  const std::size_t stride = 1 + steps.size() / k_max_measured;
   for (std::size_t i = 0; i < steps.size(); i += stride) {
     const auto line = site.lines().line(steps[i].second);
     if (!line || line->missing[sensor]) continue;
@@ -72,22 +72,19 @@ std::string output_units(const model::ModelContents& model, const std::string& n
   return "";
 }
 
-/// What is imposed at each model time, where the model has it: the clock of the data, else the stroke.
-Json loading(const Line& line) {
-  const ServedModel& served = *line.model;
-  const std::string name = served.project.clock.empty() ? "imposed_displacement" : served.project.clock;
-  const auto names = served.setup.model.output_names();
+}  // namespace
+
+Json loading(const project::Project& project, const model::SeparatedModel& model, std::vector<double> p) {
+  const std::string name = project.clock.empty() ? "imposed_displacement" : project.clock;
+  const auto names = model.output_names();
   if (std::find(names.begin(), names.end(), name) == names.end()) return nullptr;
-  const auto& contents = served.setup.model.contents();
-  std::vector<double> p(line.mean.begin(), line.mean.end());
+  const auto& contents = model.contents();
   for (std::size_t k = 0; k < p.size(); ++k)
     p[k] = std::clamp(p[k], contents.axes[k].nodes.front(), contents.axes[k].nodes.back());
   return {{"name", name},
           {"units", output_units(contents, name)},
-          {"values", served.setup.model.evaluate_output(name, p).value}};
+          {"values", model.evaluate_output(name, p).value}};
 }
-
-}  // namespace
 
 Json signal(const Site& site, const std::string& sensor, const std::string& step) {
   const auto line = line_of(site, step);
@@ -109,7 +106,9 @@ Json signal(const Site& site, const std::string& sensor, const std::string& step
                  {"predicted", predicted({model, Eigen::Index(which), some_draws(line->samples)},
                                          model.time.size(), noise)},
                  {"measured", measured(site, line->step, Eigen::Index(which))}};
-  if (const Json imposed = loading(*line); !imposed.is_null()) answer["loading"] = imposed;
+  const ServedModel& served = *line->model;
+  const Json imposed = loading(served.project, served.setup.model, {line->mean.begin(), line->mean.end()});
+  if (!imposed.is_null()) answer["loading"] = imposed;
   return answer;
 }
 

@@ -33,8 +33,9 @@ TEST(SiteAlarms, AConditionIsToldWhenItBeginsAndIdsAreSharedWithLines) {
   alarms.update_conditions(line);
   const auto told = alarms.after(0);
   ASSERT_EQ(told.size(), 2U);
-  EXPECT_EQ(without_time(told[0]),
-            R"({"id":7,"step":3,"severity":"warning","kind":"threshold","message":"P(opening > 1) is 10 %"})");
+  EXPECT_EQ(
+      without_time(told[0]),
+      R"({"id":7,"step":3,"severity":"warning","kind":"threshold","message":"P(opening > 1) is 10 %"})");
   EXPECT_EQ(told[1].id, 9);
   EXPECT_EQ(told[1].severity, "alarm");
   EXPECT_EQ(alarms.after(7).size(), 1U);

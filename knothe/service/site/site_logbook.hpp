@@ -12,7 +12,8 @@ namespace knothe::service {
 /// As readers are told it.
 [[nodiscard]] Json json_of(const LogbookEntry& entry);
 
-/// Index of the sensor that a request names. RequestError 400 UnknownSensor, which lists those that there are.
+/// Index of the sensor that a request names. RequestError 400 UnknownSensor, which lists those that there
+/// are.
 [[nodiscard]] std::int64_t sensor_of(const EntryRequest& request, const model::Sensors& sensors);
 
 /// Thread-safe; its mutex is taken last.
