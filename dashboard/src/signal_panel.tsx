@@ -46,7 +46,7 @@ export function SignalPanel({ signal, wanted, want, plots }: Props) {
       title={s?.loading ? "Measured and predicted, over the loading" : "Measured and predicted"}
       note={
         signal.problem ??
-        (s ? `By the posterior of step ${s.step}: behind the last datum a forecast. Band: 95 %, noise included.` : "")
+        (s ? `By the posterior of step ${s.step}; after the last datum, a forecast. Band: 95 %, noise included.` : "")
       }
       specs={specs}
       props={plots}

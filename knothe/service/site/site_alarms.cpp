@@ -71,13 +71,12 @@ void SiteAlarms::update_conditions(const Line& line, bool informed) {
   };
   for (const assimilation::ForecastSpecification& specification : forecasts_) {
     const auto it = line.above_threshold.find(specification.name);
-    if (it == line.above_threshold.end() || !specification.threshold) continue;
+    if (it == line.above_threshold.end() || !specification.threshold || !informed) continue;
     const double p = it->second;
     const std::string units =
         line.model ? forecast_units(line.model->setup.model.contents(), specification) : "";
     update("threshold " + specification.name,
-           !informed   ? ""
-           : p >= 0.5  ? "alarm"
+           p >= 0.5    ? "alarm"
            : p >= 0.05 ? "warning"
                        : "",
            "threshold",

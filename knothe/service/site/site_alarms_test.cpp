@@ -52,6 +52,9 @@ TEST(SiteAlarms, WhatThePriorAloneSaysOfAThresholdIsNoAlarm) {
   EXPECT_TRUE(alarms.after(0).empty());
   alarms.update_conditions(line, true);
   EXPECT_EQ(alarms.after(0).size(), 1U);
+  alarms.update_conditions(line, false);  // a posterior that comes near to the prior again
+  alarms.update_conditions(line, true);
+  EXPECT_EQ(alarms.after(0).size(), 1U);
 }
 
 TEST(SiteAlarms, ALineIsInformedOnceItsDrawsAreNotThoseOfThePriors) {
