@@ -183,7 +183,7 @@ Json mesh(const Site& site) {
                                                      model_mesh->cells.begin() + (c + 1) * k));
   Json sensors = Json::array();
   const model::Sensors& places = site.setup().measurements.sensors;
-  const Eigen::VectorXd std = site.setup().measurements.noise.measurement().standard_deviations();
+  const Eigen::VectorXd& std = site.noise_std();
   for (std::size_t i = 0; i < places.displacement_count(); ++i)
     sensors.push_back({{"x", places.point(i)[0]},
                        {"y", places.point(i)[1]},

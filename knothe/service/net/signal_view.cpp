@@ -96,7 +96,6 @@ Json signal(const Site& site, const std::string& sensor, const std::string& step
     asked.sensor_name = sensor;
   const std::size_t which = sensor_of(asked, sensors), places = sensors.displacement_count();
   const model::ObservedModel& model = *line->model->setup.problem.model;
-  const double noise = site.setup().measurements.noise.measurement().standard_deviations()[which];
   const std::string name = which < places ? sensors.label(which) : sensors.scalars[which - places];
   Json answer = {{"name", name},
                  {"units", which < places ? "m" : output_units(line->model->setup.model.contents(), name)},
@@ -104,7 +103,7 @@ Json signal(const Site& site, const std::string& sensor, const std::string& step
                  {"time", line->time},
                  {"times", model.time},
                  {"predicted", predicted({model, Eigen::Index(which), some_draws(line->samples)},
-                                         model.time.size(), noise)},
+                                         model.time.size(), site.noise_std()[which])},
                  {"measured", measured(site, line->step, Eigen::Index(which))}};
   const ServedModel& served = *line->model;
   const Json imposed = loading(served.project, served.setup.model, {line->mean.begin(), line->mean.end()});
