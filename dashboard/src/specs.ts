@@ -80,7 +80,9 @@ function quantileSeries(
 export function parameterScale(p: ParameterDescription | undefined): Scale {
   const { value = 1, units } = p?.reference ?? {};
   if (!prettyUnits(units)) return { factor: 1, units: "" };
-  const scale = scaleFor(units, Math.abs(value));
+  // Of the size that the prior gives it: a stiffness in Pa is written in GPa.
+  const largest = (p?.values ?? [1]).reduce((a, b) => Math.max(a, Math.abs(b)), 0);
+  const scale = scaleFor(units, Math.abs(value) * largest);
   return { factor: value * scale.factor, units: prettyUnits(scale.units) };
 }
 

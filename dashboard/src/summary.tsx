@@ -80,7 +80,7 @@ export function Summary({ model, line, theme }: Props) {
             </h3>
             <p class="value">
               {at(bands.middle)} <small>{units}</small>
-              {factor !== 1 && (
+              {units && parameter?.reference?.value !== 1 && (
                 <small class="multiple">
                   {" "}
                   {at(bands.middle, 1)} × {given(factor)} {units}

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { theme } from "../src/colour";
 import { loadingAt, signalSpec } from "../src/signal";
-import { quantityWords } from "../src/specs";
+import { parameterScale, quantityWords } from "../src/specs";
 import type { SignalAnswer } from "../src/types";
 
 const force: SignalAnswer = {
@@ -53,6 +53,16 @@ test("a horizon in units of the loading, which a test that unloads does not have
   const horizon = { name: "crack", horizon: 0.3, loading: { value: 1.2e-4, units: "m" } };
   assert.equal(quantityWords(horizon), "crack at 120 µm");
   assert.equal(quantityWords({ name: "crack", horizon: 0.3 }), "crack at t = 0.3");
+});
+
+test("a parameter in its unit, as large as its prior", () => {
+  const stiffness = { name: "E", reference: { value: 1, units: "Pa" }, values: [1.9e11, 2.1e11] };
+  assert.deepEqual(parameterScale(stiffness), { factor: 1e-9, units: "GPa" });
+  assert.deepEqual(parameterScale({ name: "Y0", reference: { value: 216, units: "J/m3" }, values: [0.5, 1.4] }), {
+    factor: 216,
+    units: "J/m³",
+  });
+  assert.deepEqual(parameterScale({ name: "n", reference: { value: 2 } }), { factor: 1, units: "" });
 });
 
 test("without a loading, or where it unloads, over time", () => {
