@@ -9,6 +9,7 @@ import sys
 
 HERE = pathlib.Path(__file__).resolve().parent
 MATHJAX = pathlib.Path("/usr/share/javascript/mathjax")
+NORMALIZE = pathlib.Path("/usr/share/javascript/normalize.css/normalize.css")  # Debian's furo depends on it
 
 project = "knothe"
 author = "the knothe authors"
@@ -46,6 +47,7 @@ html_theme = "furo"
 html_title = f"knothe {version}"
 html_static_path = ["_static"]
 html_css_files = ["knothe.css"]
+html_favicon = "_static/favicon.svg"
 html_copy_source = False
 html_show_sphinx = False
 highlight_language = "none"
@@ -73,7 +75,19 @@ def copy_mathjax(app, exception):
             shutil.copy(source, target)
 
 
+def mend_theme(app, exception):
+    """Debian's furo asks the web server for normalize.css, and its script is a module: neither works from a folder."""
+    static = pathlib.Path(app.outdir) / "_static"
+    style = static / "styles" / "furo.css"
+    if exception or app.builder.format != "html" or not style.exists():
+        return
+    shutil.copy(NORMALIZE, static / "styles" / "normalize.css")
+    style.write_text(style.read_text().replace("url(/javascript/normalize.css/normalize.css)", "url(normalize.css)"))
+    shutil.copy(HERE / "_static" / "knothe.js", static / "scripts" / "furo.js")
+
+
 def setup(app):
     if not MATHJAX.is_dir():
         raise FileNotFoundError(f"{MATHJAX} is missing: install Debian's package libjs-mathjax (make docs does)")
     app.connect("build-finished", copy_mathjax)
+    app.connect("build-finished", mend_theme)

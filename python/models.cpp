@@ -220,6 +220,14 @@ void bind_reduced_models(py::module_& module) {
              const model::Dofs& dofs = model.contents().dofs;
              return py::make_tuple(rows_of(dofs.points, 3), array_of(dofs.components));
            })
+      .def("mesh",
+           [](const Model& model) -> py::object {
+             const auto& mesh = model.contents().mesh;
+             if (!mesh) return py::none();
+             const py::ssize_t nodes = mesh->nodes_per_cell, cells = mesh->cell_count();
+             return py::make_tuple(rows_of(mesh->points, 3), array_of(mesh->cells, {cells, nodes}),
+                                   mesh->type);
+           })
       .def("info_json", [](const Model& model) { return files::json_line(record::model_record(model)); });
 }
 

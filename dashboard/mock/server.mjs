@@ -12,6 +12,8 @@ const here = dirname(fileURLToPath(import.meta.url));
 const sites = ["beam"];
 const budget = 10000;
 const noise = 1e-6;
+/** Physical values of 1. */
+const references = { Y0: { value: 216, units: "J/m3" }, Ad: { value: 0.00225, units: "m3/J" } };
 
 export function verdict(level, code, message) {
   return { level, reasons: [{ code, level, value: 1, limit: 0, message }] };
@@ -90,7 +92,7 @@ export class Recording {
       steps: this.steps,
       time: { label: "model time", units: "" },
       budget_us: budget,
-      parameters: this.parameters,
+      parameters: this.parameters.map((p) => ({ ...p, reference: references[p.name] })),
       forecasts: this.forecasts,
       fields: ["displacement", "sensitivity", "residual"],
     };
@@ -179,6 +181,29 @@ export class Recording {
   }
 }
 
+/** Of the sensor by its number: a straight line, measured with the recorded residuals; its band opens behind the last datum. */
+function signalOf(recording, known, sensor, step) {
+  const times = Array.from({ length: recording.steps }, (_, i) => (i + 1) / recording.steps);
+  const until = known.filter((line) => line.step <= step);
+  const { time } = until.at(-1);
+  const mean = times.map((t) => -4e-4 * t);
+  const half = times.map((t) => 2 * noise + 5e-5 * Math.max(0, t - time));
+  const seen = until.flatMap((line, i) => {
+    const residual = recording.residual[i][sensor];
+    return residual === null ? [] : [[line.time, -4e-4 * line.time + residual * noise]];
+  });
+  return {
+    name: `y${sensor}`,
+    units: "m",
+    step,
+    time,
+    times,
+    predicted: { mean, low: mean.map((v, i) => v - half[i]), high: mean.map((v, i) => v + half[i]) },
+    measured: { time: seen.map(([t]) => t), value: seen.map(([, v]) => v) },
+    loading: { name: "imposed_displacement", units: "m", values: times.map((t) => 4e-4 * t) },
+  };
+}
+
 /** Wilson and Hilferty's approximation, good enough to look at. */
 function chiSquaredTail(statistic, degrees) {
   const z = ((statistic / degrees) ** (1 / 3) - (1 - 2 / (9 * degrees))) / Math.sqrt(2 / (9 * degrees));
@@ -210,6 +235,7 @@ export class MockService {
       state: undefined,
       alarms: [],
       logbook: [],
+      held: [],
       off: [],
       tests: [{ name: "", journal: "beam.journal", current: true, records: 0, finished: false }],
       lastAt: Date.now(),
@@ -375,6 +401,7 @@ export class MockService {
       time: line.time,
       data_age_s: (Date.now() - this.lastAt) / 1000,
       ...(this.off.length ? { switched_off: this.off } : {}),
+      quarantined: this.held.length,
       ...(residuals.length
         ? { misfit: { statistic, values: residuals.length, probability: chiSquaredTail(statistic, residuals.length) } }
         : {}),
@@ -385,6 +412,7 @@ export class MockService {
     const url = new URL(request.url, "http://localhost");
     this.requests.push({
       path: url.pathname,
+      method: request.method,
       site: url.searchParams.get("site"),
       lastEventId: request.headers["last-event-id"],
     });
@@ -398,6 +426,12 @@ export class MockService {
       let body = "";
       request.on("data", (piece) => (body += piece));
       request.on("end", () => {
+        const { pathname } = url;
+        if (pathname === "/v1/quarantine" || pathname === "/v1/withdraw") {
+          this.held = this.held.filter((h) => h.seq !== JSON.parse(body).seq);
+          for (const reader of this.readers) reader.write(this.statusEvent());
+          return send(200, JSON.stringify({ accepted: true }));
+        }
         const changes = url.pathname === "/v1/tests" || url.pathname === "/v1/tests/resume";
         const done = changes ? this.change(url.pathname, JSON.parse(body)) : this.write(url.pathname, JSON.parse(body));
         return done ? send(200, JSON.stringify(done)) : fail(409, "TestExists", "there is a test of this name already");
@@ -448,6 +482,13 @@ export class MockService {
         );
       case "/v1/observations":
         return json(known ? this.recording.observationsAt(step) : undefined, `step ${step} is not there`);
+      case "/v1/signal":
+        return json(
+          known ? signalOf(this.recording, this.known, Number(url.searchParams.get("sensor")), step) : undefined,
+          `there is no posterior of step ${step}`,
+        );
+      case "/v1/quarantine":
+        return json({ quarantined: this.held });
       case "/v1/samples": {
         const index = this.known.findIndex((line) => line.step === step);
         return json(

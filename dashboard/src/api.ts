@@ -8,6 +8,7 @@ import type {
   Model,
   SamplesAnswer,
   SensorsAnswer,
+  SignalAnswer,
   Status,
   StepLine,
   TestRecord,
@@ -91,6 +92,14 @@ export class Api {
 
   async acknowledge(alarm: number, by: string, comment: string): Promise<void> {
     await this.post(`v1/alarms/${alarm}/acknowledge`, { by, comment });
+  }
+
+  /** Assimilates a datum in quarantine after all, or takes it out for ever; who did it stands in the logbook. */
+  async decide(what: "release" | "withdraw", held: Held, by: string, why: string): Promise<void> {
+    const { source, session, seq, step } = held;
+    await this.post(what === "release" ? "v1/quarantine" : "v1/withdraw", { source, session, seq });
+    const done = what === "release" ? "released from quarantine" : "withdrawn from quarantine";
+    await this.note(step, by, `${source}, ${session}, ${seq} ${done}${why ? `: ${why}` : ""}`);
   }
 
   async note(step: number, by: string, text: string): Promise<void> {
@@ -208,6 +217,11 @@ export class Api {
 
   async samples(step: number): Promise<SamplesAnswer> {
     return asSamples(await this.json("v1/samples", { step }));
+  }
+
+  /** A sensor by index or name, up to a step and predicted by its posterior. */
+  async signal(step: number, sensor: string): Promise<SignalAnswer> {
+    return (await this.json("v1/signal", { sensor, step })) as SignalAnswer;
   }
 
   /** The picture that a step was measured in. */

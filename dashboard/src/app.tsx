@@ -17,6 +17,7 @@ import { saveText } from "./png";
 import { Scrub } from "./scrub";
 import { parameterNames, quantitiesIn } from "./specs";
 import type { Store } from "./store";
+import { SignalPanel } from "./signal_panel";
 import { Summary } from "./summary";
 import { TestsPanel } from "./tests_panel";
 import { useTheme } from "./theme";
@@ -171,6 +172,12 @@ export function App({ store }: { store: Store }) {
         />
         <Summary model={model} line={line} theme={theme} />
         <div class="panels">
+          <SignalPanel
+            signal={store.detail.signal}
+            wanted={store.signal}
+            want={(sensor) => store.wantSignal(sensor)}
+            plots={plots}
+          />
           <ForecastPanel {...plots} quantity={quantity} setQuantity={setQuantity} />
           <ParametersPanel {...plots} />
           <FieldPanel
@@ -201,7 +208,7 @@ export function App({ store }: { store: Store }) {
             off={status?.switched_off ?? []}
           />
           <TestsPanel tests={store.tests} api={store.api} compare={compare} />
-          <QuarantinePanel held={store.quarantine} />
+          <QuarantinePanel held={store.quarantine} api={store.api} />
           <ComparisonPanel
             comparison={store.comparison}
             close={() => void store.compare(undefined)}

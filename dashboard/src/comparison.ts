@@ -1,9 +1,9 @@
 /** Two tests in one plot: bands and medians of both over the model's time. Pure. */
 import type { ChartSpec, Series } from "./chart";
 import type { Theme } from "./colour";
-import { axisLabel, scaleFor, significant } from "./format";
+import { axisLabel, probability, scaleFor, significant, withSpread, type Scale } from "./format";
 import { bandsOf, medianPeriod, type Row } from "./history";
-import { parameterNames, quantityWords, thresholdMarks, timeLabel } from "./specs";
+import { parameterNames, parameterScale, quantityWords, thresholdMarks, timeLabel } from "./specs";
 import type { Model, QuantityDescription, StepLine } from "./types";
 
 /** A test, as it is compared: `label` stands in the legend. */
@@ -97,7 +97,86 @@ function seriesOf(sides: readonly Drawn[], times: readonly number[], of: Quantil
   return series;
 }
 
-export function parameterComparison(sides: readonly [Side, Side], k: number, name: string, theme: Theme): ChartSpec {
+/** A mean and a standard deviation. */
+export interface Moments {
+  mean: number;
+  std: number;
+}
+
+/** The area that two normal densities share: 1 where they are the same, 0 where nothing of one lies in the other. */
+export function overlap(a: Moments, b: Moments): number {
+  const density = (x: number, of: Moments): number =>
+    Math.exp(-0.5 * ((x - of.mean) / of.std) ** 2) / (of.std * Math.sqrt(2 * Math.PI));
+  const step = 0.01;
+  let area = 0;
+  for (let z = -8; z <= 8; z += step) {
+    const x = a.mean + z * a.std;
+    area += Math.min(density(x, a), density(x, b)) * a.std * step;
+  }
+  return area;
+}
+
+/** What a table of two tests says of a quantity. */
+export interface ComparedRow {
+  name: string;
+  units: string;
+  here: string;
+  other: string;
+  difference: string;
+  overlap: string;
+}
+
+function comparedRow(name: string, a: Moments | undefined, b: Moments | undefined, scale: Scale): ComparedRow[] {
+  if (!a || !b || !(a.std > 0) || !(b.std > 0)) return [];
+  const written = ({ mean, std }: Moments): string => {
+    const spread = Math.abs(scale.factor) * std;
+    return `${withSpread(scale.factor * mean, spread)} ± ${withSpread(spread, spread)}`;
+  };
+  const difference = { mean: a.mean - b.mean, std: Math.hypot(a.std, b.std) };
+  const sigmas = significant(Math.abs(difference.mean) / difference.std, 2);
+  return [
+    {
+      name,
+      units: scale.units,
+      here: written(a),
+      other: written(b),
+      difference: `${written(difference)} (${sigmas} σ)`,
+      overlap: probability(overlap(a, b)),
+    },
+  ];
+}
+
+/** As known at the end of each test. */
+export function comparedRows(
+  sides: readonly [Side, Side],
+  model: Model | undefined,
+  quantities: readonly QuantityDescription[],
+): ComparedRow[] {
+  const [a, b] = sides.map((side) => side.lines[side.lines.length - 1]);
+  if (!a || !b) return [];
+  const parameter = (line: StepLine, k: number): Moments => ({
+    mean: line.mean[k] ?? NaN,
+    std: Math.sqrt(line.covariance[k]?.[k] ?? NaN),
+  });
+  return [
+    ...parameterNames(model, a).flatMap((name, k) =>
+      comparedRow(name, parameter(a, k), parameter(b, k), parameterScale(model?.parameters[k])),
+    ),
+    ...quantities.flatMap((q) => {
+      const [here, other] = [a.forecast[q.name], b.forecast[q.name]];
+      const scale = scaleFor(q.units ?? here?.units, Math.abs(here?.mean ?? 0));
+      return comparedRow(quantityWords(q), here, other, scale);
+    }),
+  ];
+}
+
+export function parameterComparison(
+  sides: readonly [Side, Side],
+  k: number,
+  name: string,
+  scale: Scale,
+  theme: Theme,
+): ChartSpec {
   const both = drawn(sides, theme);
   const times = commonTimes(both);
   const of: Quantiles = (line) => {
@@ -107,9 +186,10 @@ export function parameterComparison(sides: readonly [Side, Side], k: number, nam
   return {
     name: `comparison ${name}`,
     times,
-    series: seriesOf(both, times, of, 1),
+    series: seriesOf(both, times, of, scale.factor),
     xLabel: timeLabel,
-    yLabel: axisLabel(name, "–"),
+    yLabel: axisLabel(name, scale.units || "–"),
+    factor: scale.factor,
     height: 220,
   };
 }
@@ -141,7 +221,9 @@ export function comparisonSpecs(
 ): ChartSpec[] {
   const line = sides[0].lines[0] ?? sides[1].lines[0];
   return [
-    ...parameterNames(model, line).map((name, k) => parameterComparison(sides, k, name, theme)),
+    ...parameterNames(model, line).map((name, k) =>
+      parameterComparison(sides, k, name, parameterScale(model?.parameters[k]), theme),
+    ),
     ...quantities.map((q) => forecastComparison(sides, q, theme)),
   ];
 }

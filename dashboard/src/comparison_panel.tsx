@@ -2,7 +2,7 @@
 import { useMemo } from "preact/hooks";
 import { Chart } from "./chart";
 import type { Theme } from "./colour";
-import { comparisonSpecs } from "./comparison";
+import { comparedRows, comparisonSpecs, type ComparedRow } from "./comparison";
 import { Panel } from "./panel";
 import { specsTable, type PlotProps } from "./plot_panels";
 import { quantitiesIn } from "./specs";
@@ -19,14 +19,16 @@ interface Props {
 export function ComparisonPanel({ comparison, close, props, theme }: Props) {
   const { lines, version, model, line } = props;
   const other = comparison?.lines;
-  const specs = useMemo(() => {
-    if (!comparison || !other) return [];
-    const here = model?.test || "unnamed test";
+  const here = model?.test || "unnamed test";
+  const there = comparison?.name || "unnamed test";
+  const [specs, rows] = useMemo(() => {
+    if (!comparison || !other) return [[], []];
     const sides = [
       { label: here, lines },
-      { label: comparison.name || "unnamed test", lines: other },
+      { label: there, lines: other },
     ] as const;
-    return comparisonSpecs(sides, model, quantitiesIn(model, line ?? other[other.length - 1]), theme);
+    const quantities = quantitiesIn(model, line ?? other[other.length - 1]);
+    return [comparisonSpecs(sides, model, quantities, theme), comparedRows(sides, model, quantities)];
   }, [comparison, lines, version, model, theme]);
   if (!comparison) return null;
   const empty = other?.length === 0 ? "It has no data." : undefined;
@@ -48,6 +50,7 @@ export function ComparisonPanel({ comparison, close, props, theme }: Props) {
       }
       csv={() => specs.map((spec) => specsTable([spec])).join("\r\n")}
     >
+      {rows.length > 0 && <Numbers rows={rows} here={here} there={there} />}
       <div class="compared">
         {specs.map((spec) => (
           <Chart
@@ -60,5 +63,42 @@ export function ComparisonPanel({ comparison, close, props, theme }: Props) {
         ))}
       </div>
     </Panel>
+  );
+}
+
+function Numbers({ rows, here, there }: { rows: ComparedRow[]; here: string; there: string }) {
+  const heads = [here, there, "difference", "overlap"];
+  return (
+    <>
+      <table class="numbers">
+        <thead>
+          <tr>
+            {["at the end", ...heads].map((head) => (
+              <th key={head} scope="col">
+                {head}
+              </th>
+            ))}
+          </tr>
+        </thead>
+        <tbody>
+          {rows.map((row) => (
+            <tr key={row.name}>
+              <th scope="row">
+                {row.name} {row.units && <small>[{row.units}]</small>}
+              </th>
+              {[row.here, row.other, row.difference, row.overlap].map((cell, k) => (
+                <td key={heads[k]} data-label={heads[k]}>
+                  {cell}
+                </td>
+              ))}
+            </tr>
+          ))}
+        </tbody>
+      </table>
+      <p class="note">
+        ±: one standard deviation. Overlap: the area that two normal densities with these means and standard deviations
+        share.
+      </p>
+    </>
   );
 }

@@ -178,3 +178,34 @@ function thresholds(lines: readonly StepLine[], q: QuantityDescription, events: 
     if (fell[0] !== undefined) add("info", `fell below ${100 * fell[0]} %: now ${probability(p)}`);
   }
 }
+
+/** Alarms of one kind and one source: the newest, all of them (newest first), and those that wait for an answer. */
+export interface EventGroup {
+  latest: Event;
+  all: Event[];
+  open: Event[];
+}
+
+/** What an alarm is about: its words without numbers; of a threshold, the quantity. */
+function sourceOf({ kind, message }: Event): string {
+  const about = kind === "threshold" ? message.slice(0, message.indexOf(")") + 1) : message;
+  return about.replace(/[−-]?\d+([.,]\d+)*(·10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?/g, "#").replace(/# [kMGmµn](?=\w)/g, "# ");
+}
+
+/** An alarm or warning of the service that nobody has acknowledged. */
+export function isOpen(event: Event): boolean {
+  return event.id !== undefined && event.severity !== "info" && !event.acknowledged;
+}
+
+/** By kind and source, the groups in the order of their newest. */
+export function grouped(events: readonly Event[]): EventGroup[] {
+  const groups = new Map<string, EventGroup>();
+  for (const event of events) {
+    const key = `${event.kind} ${sourceOf(event)}`;
+    const group = groups.get(key) ?? { latest: event, all: [], open: [] };
+    groups.set(key, group);
+    group.all.push(event);
+    if (isOpen(event)) group.open.push(event);
+  }
+  return [...groups.values()];
+}

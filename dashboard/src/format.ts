@@ -101,6 +101,15 @@ export function microseconds(us: number): string {
   return `${significant(us / 1e6, 3)} s`;
 }
 
+/** "N/m3" → "N/m³"; "1" → "". */
+export function prettyUnits(units: string | undefined): string {
+  const text = (units ?? "").replace(
+    /([A-Za-z])([23])/g,
+    (_, unit: string, power: string) => unit + (power === "2" ? "²" : "³"),
+  );
+  return text === "1" ? "" : text;
+}
+
 /** "label [units]", as at an axis. */
 export function axisLabel(label: string, units: string): string {
   return units ? `${label} [${units}]` : label;

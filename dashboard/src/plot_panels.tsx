@@ -43,20 +43,33 @@ function useBase({ lines, version, theme }: PlotProps) {
 /** The table of plots that share their times: SI, one column per series. */
 export function specsTable(specs: readonly ChartSpec[]): string {
   const times = specs[0]?.times ?? [];
-  const header = ["time", ...specs.flatMap((s) => s.series.map((x) => `${s.name}: ${x.label}`))];
+  const header = [
+    specs[0]?.xLabel.startsWith("model time") === false ? specs[0].xLabel : "time",
+    ...specs.flatMap((s) => s.series.map((x) => `${s.name}: ${x.label}`)),
+  ];
   return csv(
     header,
     times.map((t, i) => [t, ...specs.flatMap((s) => s.series.map((x) => (x.said ?? x.values)[i]))]),
   );
 }
 
-function Charts({ specs, props, handles }: { specs: ChartSpec[]; props: PlotProps; handles: ChartHandle[] }) {
+interface ChartsProps {
+  specs: ChartSpec[];
+  props: PlotProps;
+  handles: ChartHandle[];
+  overTime: boolean;
+}
+
+function Charts({ specs, props, handles, overTime }: ChartsProps) {
   handles.length = specs.length;
   const above = useMemo(() => stepAndClock(props.lines), [props.lines, props.version]);
   const { notes } = props;
   const shown = useMemo(
-    () => specs.map((spec, k) => ({ ...spec, notes, briefNotes: k > 0, ...(k === 0 && above ? { above } : {}) })),
-    [specs, notes, above],
+    () =>
+      overTime
+        ? specs.map((spec, k) => ({ ...spec, notes, briefNotes: k > 0, ...(k === 0 && above ? { above } : {}) }))
+        : specs,
+    [specs, notes, above, overTime],
   );
   return (
     <>
@@ -65,14 +78,16 @@ function Charts({ specs, props, handles }: { specs: ChartSpec[]; props: PlotProp
           key={spec.name}
           spec={spec}
           theme={props.theme}
-          selected={props.selected ?? props.line?.time}
-          onSelect={props.onSelect}
+          selected={overTime ? (props.selected ?? props.line?.time) : undefined}
+          onSelect={overTime ? props.onSelect : ignored}
           handle={(h) => (handles[k] = h)}
         />
       ))}
     </>
   );
 }
+
+const ignored = (): void => {};
 
 interface ChartsPanelProps {
   id: string;
@@ -81,9 +96,11 @@ interface ChartsPanelProps {
   specs: ChartSpec[];
   props: PlotProps;
   controls?: ComponentChildren;
+  /** Whether the axis is the model's time. */
+  overTime?: boolean;
 }
 
-function ChartsPanel({ id, title, note, specs, props, controls }: ChartsPanelProps) {
+export function ChartsPanel({ id, title, note, specs, props, controls, overTime = true }: ChartsPanelProps) {
   const handles = useRef<ChartHandle[]>([]).current;
   const picture = async (): Promise<Blob> =>
     stackPng(
@@ -99,7 +116,7 @@ function ChartsPanel({ id, title, note, specs, props, controls }: ChartsPanelPro
       png={picture}
       csv={() => specsTable(specs)}
     >
-      <Charts specs={specs} props={props} handles={handles} />
+      <Charts specs={specs} props={props} handles={handles} overTime={overTime} />
     </Panel>
   );
 }

@@ -1,11 +1,19 @@
-/** What was stored and is not assimilated, newest first, with the reason; the page changes nothing of it. */
+/** What was stored and is not assimilated, newest first, with the reason: it is released or withdrawn here. */
+import { useState } from "preact/hooks";
+import type { Api } from "./api";
 import { csv } from "./csv";
 import { Panel } from "./panel";
+import { SignedForm } from "./signed_form";
 import type { Held } from "./types";
 
 const shown = 200;
 
-export function QuarantinePanel({ held }: { held: readonly Held[] }) {
+interface Props {
+  held: readonly Held[];
+  api: Api;
+}
+
+export function QuarantinePanel({ held, api }: Props) {
   if (held.length === 0) return null;
   const data = held.length === 1 ? "1 datum is" : `${held.length} data are`;
   return (
@@ -25,16 +33,46 @@ export function QuarantinePanel({ held }: { held: readonly Held[] }) {
           .reverse()
           .slice(0, shown)
           .map((h) => (
-            <li key={`${h.source} ${h.session} ${h.seq}`} class="warning">
-              <p>
-                <b>
-                  {h.source}, {h.session}, {h.seq}
-                </b>{" "}
-                (step {h.step}): {h.reason}
-              </p>
-            </li>
+            <Entry key={`${h.source} ${h.session} ${h.seq}`} held={h} api={api} />
           ))}
       </ol>
     </Panel>
+  );
+}
+
+const actions = {
+  release: { button: "Release", outcome: "is assimilated after all" },
+  withdraw: { button: "Withdraw", outcome: "can never be released" },
+} as const;
+
+function Entry({ held, api }: { held: Held; api: Api }) {
+  const [chosen, choose] = useState<keyof typeof actions>();
+  const name = `${held.source}, ${held.session}, ${held.seq}`;
+  return (
+    <li class="warning">
+      <p>
+        <b>{name}</b> (step {held.step}): {held.reason}
+      </p>
+      {chosen ? (
+        <SignedForm
+          api={api}
+          label="why"
+          needed={false}
+          button={actions[chosen].button}
+          confirm={`The datum ${name} ${actions[chosen].outcome}.`}
+          send={(by, why) => api.decide(chosen, held, by, why)}
+          done={() => choose(undefined)}
+        />
+      ) : (
+        <>
+          <button type="button" class="answer" onClick={() => choose("release")}>
+            release …
+          </button>
+          <button type="button" class="answer" onClick={() => choose("withdraw")}>
+            withdraw …
+          </button>
+        </>
+      )}
+    </li>
   );
 }

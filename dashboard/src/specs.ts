@@ -5,12 +5,14 @@ import {
   axisLabel,
   given,
   microseconds,
+  prettyUnits,
   probability,
   scaleFor,
   significant,
   timeOfDay,
   withSpread,
   words,
+  type Scale,
 } from "./format";
 import { bandsOf, column, phasesOf, timeline, type Timeline } from "./history";
 import { total } from "./events";
@@ -74,6 +76,16 @@ function quantileSeries(
   return series;
 }
 
+/** From a parameter to its physical value, where the model says what 1 means; else the parameter itself. */
+export function parameterScale(p: ParameterDescription | undefined): Scale {
+  const { value = 1, units } = p?.reference ?? {};
+  if (!prettyUnits(units)) return { factor: 1, units: "" };
+  // Of the size that the prior gives it: a stiffness in Pa is written in GPa.
+  const largest = (p?.values ?? [1]).reduce((a, b) => Math.max(a, Math.abs(b)), 0);
+  const scale = scaleFor(units, Math.abs(value) * largest);
+  return { factor: value * scale.factor, units: prettyUnits(scale.units) };
+}
+
 export function parameterSpec(
   base: Base,
   k: number,
@@ -83,13 +95,16 @@ export function parameterSpec(
   const { theme } = base;
   const latest = base.lines[base.lines.length - 1];
   const spread = Math.sqrt(latest?.covariance[k]?.[k] ?? NaN);
-  const units = scaleFor(description?.units, 1).units || "–";
+  const scale = parameterScale(description);
+  const units = scale.units || scaleFor(description?.units, 1).units || "–";
+  const physical = (v: number): string =>
+    `${withSpread(v * scale.factor, spread * Math.abs(scale.factor))}${scale.units ? ` ${scale.units}` : ""}`;
   const series = quantileSeries(
     base,
     latest?.quantiles.levels ?? [],
     (l, level) => l.quantiles.values[k]?.[level],
     theme.blue,
-    (v) => withSpread(v, spread),
+    physical,
   );
   const prior =
     description?.levels && description.values ? { levels: description.levels, values: description.values } : undefined;
@@ -112,7 +127,12 @@ export function parameterSpec(
     }
     if (middle !== undefined) {
       marks.push({ at: at(middle), label: "", colour: theme.prior, dash: [1, 3] });
-      legend.push({ label: "prior median", colour: theme.prior, look: "dash", value: significant(at(middle)) });
+      legend.push({
+        label: "prior median",
+        colour: theme.prior,
+        look: "dash",
+        value: significant(at(middle) * scale.factor),
+      });
     }
   }
   return {
@@ -121,6 +141,7 @@ export function parameterSpec(
     series,
     xLabel: timeLabel,
     yLabel: axisLabel(name, units),
+    factor: scale.factor,
     horizontal: marks,
     gaps: base.line.gaps,
     legend: k > 0 ? legend.slice(1) : legend,
@@ -204,7 +225,14 @@ function horizonMarks(base: Base, q: QuantityDescription): Mark[] {
 }
 
 export function quantityWords(q: QuantityDescription): string {
-  return q.horizon === undefined ? quantityName(q) : `${quantityName(q)} at t = ${given(q.horizon)}`;
+  return q.horizon === undefined ? quantityName(q) : `${quantityName(q)} at ${horizonWords(q)}`;
+}
+
+/** In units of the loading where they are known: "120 µm", "t = 0.3". */
+function horizonWords({ horizon, loading }: QuantityDescription): string {
+  if (!loading) return `t = ${given(horizon ?? NaN)}`;
+  const scale = scaleFor(loading.units, Math.abs(loading.value));
+  return `${given(loading.value * scale.factor)} ${scale.units}`;
 }
 
 function quantityName(q: QuantityDescription): string {

@@ -10,6 +10,7 @@ import type {
   Model,
   SamplesAnswer,
   SensorsAnswer,
+  SignalAnswer,
   Status,
   StepLine,
   TestRecord,
@@ -21,9 +22,9 @@ export interface Detail<T> {
   problem?: string;
 }
 
-const kinds = ["fields", "sensors", "samples"] as const;
+const kinds = ["fields", "sensors", "samples", "signal"] as const;
 type Kind = (typeof kinds)[number];
-type Answers = { fields: FieldsAnswer; sensors: SensorsAnswer; samples: SamplesAnswer };
+type Answers = { fields: FieldsAnswer; sensors: SensorsAnswer; samples: SamplesAnswer; signal: SignalAnswer };
 /** The live step's details are fetched at most this often, ms, and not more than a fifth of the time is spent on it. */
 const shortestInterval = 400;
 /** What is not there need not be asked for ten times a second. */
@@ -60,6 +61,8 @@ export class Store {
   quarantine: Held[] = [];
   /** The field looked at: "displacement", "sensitivity:NAME", "residual", "bias". */
   wanted = "displacement";
+  /** The signal looked at, by index or name, where one was chosen. */
+  private wantedSignal: string | undefined;
   connected = false;
   lostAt: number | undefined;
   lastDatumAt: number | undefined;
@@ -67,7 +70,12 @@ export class Store {
   problem: string | undefined;
   /** The step looked at; `undefined` follows the latest. */
   chosen: number | undefined;
-  readonly detail: { [K in Kind]: Detail<Answers[K]> } = { fields: {}, sensors: {}, samples: {} };
+  readonly detail: { [K in Kind]: Detail<Answers[K]> } = {
+    fields: {},
+    sensors: {},
+    samples: {},
+    signal: {},
+  };
 
   private listeners = new Set<() => void>();
   private scheduled = false;
@@ -183,6 +191,18 @@ export class Store {
   /** Looks at a step; `undefined` is live. */
   choose(step: number | undefined): void {
     this.chosen = step;
+    this.notBefore.clear();
+    this.changed();
+    this.fetchDetails();
+  }
+
+  /** A force or gauge before a displacement. */
+  get signal(): string {
+    return this.wantedSignal ?? this.model?.scalars?.[0] ?? "0";
+  }
+
+  wantSignal(sensor: string): void {
+    this.wantedSignal = sensor;
     this.notBefore.clear();
     this.changed();
     this.fetchDetails();
@@ -316,6 +336,7 @@ export class Store {
     this.quarantine = [];
     this.logbook = [];
     this.comparison = undefined;
+    this.wantedSignal = undefined;
     this.chosen = undefined;
     this.lastDatumAt = undefined;
     for (const kind of kinds) this.detail[kind] = {};
@@ -356,7 +377,8 @@ export class Store {
   }
 
   private fetchDetail(kind: Kind, step: number): void {
-    const key = `${kind} ${kind === "samples" ? "" : this.wanted} ${step}`;
+    const wanted = kind === "signal" ? this.signal : kind === "samples" ? "" : this.wanted;
+    const key = `${kind} ${wanted} ${step}`;
     const found = this.cache.get(key);
     if (found) {
       this.detail[kind] = { value: found as never };
@@ -373,7 +395,7 @@ export class Store {
     const begin = performance.now();
     let failed = false;
     const { epoch } = this;
-    (this.api[kind](step, this.wanted) as Promise<Answers[Kind]>)
+    (this.api[kind](step, wanted) as Promise<Answers[Kind]>)
       .then(
         (value) => {
           if (epoch !== this.epoch) return;

@@ -2,7 +2,7 @@
 import type { Theme } from "./colour";
 import { given, probability, scaleFor, significant, withSpread } from "./format";
 import { bandsOf } from "./history";
-import { parameterNames, quantitiesIn, quantityWords } from "./specs";
+import { parameterNames, parameterScale, quantitiesIn, quantityWords } from "./specs";
 import type { Model, StepLine } from "./types";
 
 interface Props {
@@ -70,36 +70,31 @@ export function Summary({ model, line, theme }: Props) {
         const parameter = model?.parameters[k];
         const values = line.quantiles.values[k] ?? [];
         const std = Math.sqrt(line.covariance[k]?.[k] ?? NaN);
-        const at = (i: number | undefined, unit = 1): string =>
-          i === undefined ? "–" : digits(unit * (values[i] ?? NaN), Math.abs(unit) * std, shifts[k] ?? 0);
-        const reference = parameter?.reference;
+        const at = (i: number | undefined, by = factor): string =>
+          i === undefined ? "–" : digits(by * (values[i] ?? NaN), Math.abs(by) * std, shifts[k] ?? 0);
+        const { factor, units } = parameterScale(parameter);
         return (
           <article key={`parameter ${name}`} data-parameter={name}>
             <h3>
               {name} <small>parameter</small>
             </h3>
             <p class="value">
-              {at(bands.middle)}
-              {reference && bands.middle !== undefined && (
-                <small>
+              {at(bands.middle)} <small>{units}</small>
+              {units && parameter?.reference?.value !== 1 && (
+                <small class="multiple">
                   {" "}
-                  = {at(bands.middle, reference.value)} {reference.units ?? ""}
+                  {at(bands.middle, 1)} × {given(factor)} {units}
                 </small>
               )}
             </p>
-            <p class="interval">
-              {outer ? `${outer.percent} %: ${at(outer.low)} … ${at(outer.high)}` : ""}
-              {outer && reference
-                ? `, ${at(outer.low, reference.value)} … ${at(outer.high, reference.value)} ${reference.units ?? ""}`
-                : ""}
-            </p>
+            <p class="interval">{outer ? `${outer.percent} %: ${at(outer.low)} … ${at(outer.high)} ${units}` : ""}</p>
             {parameter?.lower !== undefined && parameter.upper !== undefined && outer && (
               <Interval
-                low={parameter.lower}
-                high={parameter.upper}
-                from={values[outer.low]!}
-                to={values[outer.high]!}
-                middle={values[bands.middle ?? 0]!}
+                low={factor * parameter.lower}
+                high={factor * parameter.upper}
+                from={factor * values[outer.low]!}
+                to={factor * values[outer.high]!}
+                middle={factor * values[bands.middle ?? 0]!}
                 colour={level === "ok" ? theme.blue : theme.faint}
                 theme={theme}
               />

@@ -69,8 +69,12 @@ export interface ParameterDescription {
 export interface QuantityDescription {
   name: string;
   quantity?: string;
+  /** Of a quantity that is an output of the model: its name. */
+  output?: string;
   units?: string;
   horizon?: number;
+  /** What is imposed at the horizon. */
+  loading?: { value: number; units: string };
   threshold?: number;
 }
 
@@ -165,6 +169,19 @@ export interface SensorsAnswer {
 export interface SamplesAnswer {
   step: number;
   points: number[][];
+}
+
+/** What a sensor measured, and what the posterior of `step` (at `time`) predicts of it at all times of the model. */
+export interface SignalAnswer {
+  name: string;
+  units: string;
+  step: number;
+  time: number;
+  times: number[];
+  predicted: { mean: number[]; low?: number[]; high?: number[] };
+  measured?: { time: number[]; value: number[] };
+  /** What is imposed at the times. */
+  loading?: { name: string; units: string; values: number[] };
 }
 
 export type Severity = "info" | "warning" | "alarm";

@@ -112,10 +112,17 @@ async function compareNow(page, line) {
   }
   const parameters = await page.locator("[data-parameter]").all();
   assert.equal(parameters.length, line.mean.length);
+  const description = await page.evaluate(async () => (await fetch("v1/description")).json());
   for (const [k, card] of parameters.entries()) {
-    agree(await card.locator(".value").innerText(), line.quantiles.values[k][2], `median of parameter ${k}`);
+    // Physical, where the service says in which units.
+    const { value = 1, units } = description.parameters[k].reference ?? {};
+    const prefixes = { GPa: 1e-9, MPa: 1e-6, kPa: 1e-3 };
+    const written = await card.locator(".value").innerText();
+    const factor = units && units !== "1" ? value * (prefixes[/[GMk]Pa/.exec(written)?.[0]] ?? 1) : 1;
+    const values = line.quantiles.values[k].map((v) => factor * v);
+    agree(written, values[2], `median of parameter ${k}`);
     const interval = (await card.locator(".interval").innerText()).split(":")[1].split("…");
-    agree(interval[0], line.quantiles.values[k][0], `lower end of parameter ${k}`);
-    agree(interval[1], line.quantiles.values[k].at(-1), `upper end of parameter ${k}`);
+    agree(interval[0], values[0], `lower end of parameter ${k}`);
+    agree(interval[1], values.at(-1), `upper end of parameter ${k}`);
   }
 }

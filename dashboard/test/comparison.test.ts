@@ -1,8 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { aligned, commonTimes, comparisonSpecs, held } from "../src/comparison";
+import { aligned, commonTimes, comparedRows, comparisonSpecs, held, overlap } from "../src/comparison";
 import type { StepLine } from "../src/types";
 import { theme } from "../src/colour";
+import { stepLine } from "./support";
 
 const line = (step: number, time: number, median: number, used = 4): StepLine =>
   ({
@@ -63,4 +64,34 @@ test("values are held where the other test alone has a time, and end where the t
     aligned(times, rows, (l) => l.mean[0]),
     [1, undefined, null],
   );
+});
+
+test("the overlap of two normal densities, from tables of their distribution", () => {
+  const near = (value: number, exact: number): void => assert.ok(Math.abs(value - exact) < 1e-5, `${value}: ${exact}`);
+  near(overlap({ mean: 3, std: 2 }, { mean: 3, std: 2 }), 1);
+  near(overlap({ mean: 0, std: 1 }, { mean: 2, std: 1 }), 0.3173105); // 2 Φ(−1)
+  near(overlap({ mean: 0, std: 1 }, { mean: 0, std: 2 }), 0.6773254); // they cross at ±√(8 ln 2 / 3)
+  near(overlap({ mean: 0, std: 2 }, { mean: 0, std: 1 }), 0.6773254);
+  near(overlap({ mean: 0, std: 1 }, { mean: 1e3, std: 1 }), 0);
+});
+
+test("two tests in numbers: difference with its spread, in physical units", () => {
+  const at = (mean: number) => [stepLine(0, { mean: [mean, 2] })];
+  const sides = [
+    { label: "a", lines: at(1) },
+    { label: "b", lines: at(1.4) },
+  ] as const;
+  const model = { parameters: [{ name: "E", reference: { value: 30e9, units: "Pa" } }, { name: "n" }], quantities: [] };
+  const [first, second, third, ...more] = comparedRows(sides, model, [{ name: "crack", units: "m", horizon: 0.3 }]);
+  assert.deepEqual(first, {
+    name: "E",
+    units: "GPa",
+    here: "30.0 ± 6.0",
+    other: "42.0 ± 6.0",
+    difference: "−12.0 ± 8.5 (1.4 σ)",
+    overlap: "32 %",
+  });
+  assert.equal(second!.overlap, "> 99.9 %");
+  assert.deepEqual([third!.name, third!.units, third!.here], ["crack at t = 0.3", "mm", "20.0 ± 3.0"]);
+  assert.equal(more.length, 0);
 });

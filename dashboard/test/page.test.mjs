@@ -44,6 +44,15 @@ async function open(t, options = {}, look = desktop, path = "") {
   return { page, service, context };
 }
 
+/** What is wider than the element that clips it, but for words that are for screen readers alone. */
+const clipped = (page) =>
+  page.evaluate(() =>
+    [document.documentElement, ...document.querySelectorAll("body *:not(.hidden)")]
+      .filter((e) => e === document.documentElement || getComputedStyle(e).overflowX !== "visible")
+      .filter((e) => e.clientWidth > 0 && e.scrollWidth > e.clientWidth)
+      .map((e) => `${e.tagName} ${e.id} ${e.className}: ${e.scrollWidth} in ${e.clientWidth} px`),
+  );
+
 test("shows the numbers that the service returns, now and back in time", async (t) => {
   const { page, service } = await open(t);
   await page.locator("[data-parameter]").first().waitFor();
@@ -438,12 +447,10 @@ for (const [name, look] of [
     const { page, service } = await open(t, { start: 80 }, look);
     await until(page, "#field .readout", /Sensors/);
     await until(page, "#state", /OK/);
-    assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "no scrolling sideways");
-    const banner = await page.locator(".banner").evaluate((e) => [e.scrollWidth, e.clientWidth]);
-    assert.ok(banner[0] <= banner[1], `the banner clips nothing: ${banner[0]} in ${banner[1]} px`);
+    assert.deepEqual(await clipped(page), []);
     const nameless = await page.evaluate(() =>
       [...document.querySelectorAll("button, select, input")]
-        .filter((e) => !(e.ariaLabel || e.innerText?.trim() || e.closest("label")))
+        .filter((e) => !(e.ariaLabel || e.textContent?.trim() || e.closest("label")))
         .map((e) => e.outerHTML),
     );
     assert.deepEqual(nameless, []);
@@ -501,6 +508,69 @@ test("an alarm is acknowledged, and a note written at the step that is looked at
   );
 });
 
+test("alarms of one kind are one entry, acknowledged together, and read out", async (t) => {
+  const { page, service } = await open(t);
+  await page.locator("[data-parameter]").first().waitFor();
+  const alarm = { severity: "alarm", kind: "sensors" };
+  service.raise({ ...alarm, step: 40, message: "sensor 3 is 1 m, beyond the limit of 39 mm" });
+  service.raise({ ...alarm, step: 41, message: "sensor 3 is 1.2 m, beyond the limit of 39 mm" });
+  service.raise({ ...alarm, step: 42, message: "a grip has slipped" });
+  await until(page, "#events", /3 not acknowledged/);
+  assert.equal(await page.locator("#announced").getAttribute("aria-live"), "assertive");
+  await until(page, "#announced", /^alarm at step 42: A grip has slipped$/);
+  const group = page.locator("#events .events > li").filter({ hasText: "beyond the limit" });
+  assert.equal(await group.count(), 1);
+  assert.match(await group.innerText(), /step 41.*sensor 3 is 1\.2 m.*1 earlier one/is);
+  await group.getByRole("button", { name: "acknowledge all 2" }).click();
+  await group.getByLabel("Your name").fill("Ada");
+  await group.getByRole("button", { name: "Acknowledge all 2" }).click();
+  await until(page, "#events", /1 not acknowledged/);
+  assert.deepEqual(
+    service.alarms.map((a) => a.acknowledged?.by),
+    ["Ada", "Ada", undefined],
+  );
+});
+
+test("data in quarantine are released or withdrawn, after a question", async (t) => {
+  const { page, service } = await open(t);
+  const held = (seq) => ({ source: "camera", session: "s", seq, step: 40, reason: "sensor 3 is 1 m" });
+  service.held = [held(7), held(8)];
+  service.say("OK", "");
+  await until(page, "#quarantine", /2 data are stored.*camera, s, 8.*camera, s, 7/);
+  const decide = async (seq, action) => {
+    const entry = page.locator("#quarantine li").filter({ hasText: `camera, s, ${seq}` });
+    await entry.getByRole("button", { name: action.toLowerCase() }).click();
+    await entry.getByLabel("Your name").fill("Ada");
+    await entry.getByLabel("why").fill("checked");
+    await entry.getByRole("button", { name: action, exact: true }).click();
+    await entry.getByRole("button", { name: `Yes: ${action.toLowerCase()}` }).click();
+  };
+  await decide(8, "Release");
+  await until(page, "#quarantine", /1 datum is stored/);
+  await page.locator("#quarantine").screenshot({ path: join(pictures, "quarantine.png") });
+  await decide(7, "Withdraw");
+  await page.waitForFunction(() => !document.querySelector("#quarantine"));
+  assert.ok(service.requests.some((r) => r.path === "/v1/quarantine" && r.method === "POST"));
+  assert.ok(service.requests.some((r) => r.path === "/v1/withdraw"));
+  await until(page, "#logbook", /Ada.*camera, s, 8 released from quarantine: checked/);
+  await until(page, "#logbook", /Ada.*camera, s, 7 withdrawn from quarantine: checked/);
+});
+
+test("a sensor's signal beside its prediction, over the loading; another is chosen", async (t) => {
+  const { page, service } = await open(t);
+  await until(page, "#signal h2", /Measured and predicted, over the loading/);
+  await until(page, "#signal .legend", /posterior mean.*forecast.*measured/);
+  const save = page.locator("#signal").getByRole("button", { name: "save as CSV" });
+  const [download] = await Promise.all([page.waitForEvent("download"), save.click()]);
+  const [header, ...rows] = readFileSync(await download.path(), "utf8")
+    .trim()
+    .split("\r\n");
+  assert.match(header, /^imposed displacement \[µm\],/);
+  assert.equal(rows.length, service.recording.steps);
+  await page.locator("#signal select").selectOption("5");
+  await page.locator('#signal [aria-label^="y5 [µm] over imposed displacement"]').waitFor();
+});
+
 test("the next specimen's test is begun, after a question, and the page begins anew", async (t) => {
   const { page, service } = await open(t, { start: 60 });
   await page.locator("[data-parameter]").first().waitFor();
@@ -529,11 +599,13 @@ test("the next specimen's test is begun, after a question, and the page begins a
   await until(page, "#comparison h2", /Comparison with the unnamed test/);
   await until(page, "#comparison", /b-2: median [\d.]+[^]*unnamed test: median [\d.]+/);
   assert.equal(await page.locator("#comparison .chart").count(), 5, "two parameters, three forecasts");
+  await until(page, "#comparison .numbers", /Y0 \[J\/m³\]\s+[\d.]+ ± [\d.]+\s+[\d.]+ ± [\d.]+\s+.*σ\)\s+[\d.]+ %/);
+  assert.equal(await page.locator("#comparison .numbers tbody tr").count(), 5);
   await page.waitForTimeout(500);
   await page.locator("#comparison").screenshot({ path: join(pictures, "comparison.png") });
   await page.setViewportSize({ width: 390, height: 844 });
   await page.waitForTimeout(500);
-  assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "no scrolling sideways");
+  assert.deepEqual(await clipped(page), []);
   await page.locator("#comparison").screenshot({ path: join(pictures, "comparison-phone.png") });
   await page.setViewportSize({ width: 1440, height: 900 });
   await page.locator("#comparison").getByRole("button", { name: "close" }).click();

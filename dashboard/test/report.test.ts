@@ -10,7 +10,8 @@ import { contentSvg, contentTable } from "../src/report/figure";
 import { contentOf } from "../src/report/figures";
 import { elongations, locate } from "../src/report/maps";
 import { meshReadout, meshSvg, rangeOfMesh } from "../src/report/mesh_svg";
-import { modelOf, prettyUnits, quantilesOf, type Report } from "../src/report/record";
+import { modelOf, quantilesOf, type Report } from "../src/report/record";
+import { prettyUnits } from "../src/format";
 import { record } from "./report_record";
 
 const light = theme(false);
@@ -381,6 +382,6 @@ test("the model of the live page is made from the summary", () => {
 
 test("a table is in the units of the axes", () => {
   const [header, first] = contentTable(content("load")).split("\r\n");
-  assert.match(header!, /imposed displacement \[µm\],force \[kN\]: low,/);
+  assert.match(header!, /imposed displacement \[µm\],reaction force \[kN\]: low,/);
   assert.ok(first!.startsWith("0,0,0,0"));
 });

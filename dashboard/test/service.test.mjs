@@ -146,10 +146,24 @@ test("the page on the real service", async (t) => {
     lines.map((line) => line.log_evidence),
   );
 
+  // A sensor's signal is what was sent, over the stroke of the model.
+  await until(page, "#signal h2", /over the loading/);
+  const signal = await get("v1/signal?sensor=3");
+  const sent = [...data.keys()].filter((k) => k < 30 && ![10, 11, 15].includes(k)).map((k) => data[k].values[3]);
+  assert.equal(signal.measured.value.length, sent.length);
+  signal.measured.value.forEach((v, i) => assert.ok(Math.abs(v - sent[i]) < 1e-12, `${v}: ${sent[i]}`));
+
   const wild = { ...data[29], source: "gauges", values: data[29].values.map((v, i) => (i === 3 ? 1 : v)) };
   await post(wild);
   await until(page, "#quarantined", /^1$/);
   await until(page, "#quarantine li", /gauges, test, 29 \(step 29\): sensor 3, .* is 1 m, beyond the limit/);
+  const held = page.locator("#quarantine");
+  await held.getByRole("button", { name: "withdraw" }).click();
+  await held.getByLabel("Your name").fill("Ada");
+  await held.getByRole("button", { name: "Withdraw", exact: true }).click();
+  await held.getByRole("button", { name: "Yes: withdraw" }).click();
+  await held.waitFor({ state: "detached" });
+  await until(page, "#logbook", /Ada.*gauges, test, 29 withdrawn from quarantine/);
 
   // The next specimen's test, begun on the page: it begins anew, and the one before is set beside it.
   await page.getByRole("button", { name: "begin the next specimen's test" }).click();

@@ -3,8 +3,9 @@ import { test } from "node:test";
 import { csv, sensorsTable, stepsTable } from "../src/csv";
 import { clock, duration, given, microseconds, probability, scaleFor, significant, withSpread } from "../src/format";
 import { banner, bannerWords, derived, structure } from "../src/state";
-import { eventsOf, merged, stateEvent } from "../src/events";
+import { eventsOf, grouped, merged, stateEvent } from "../src/events";
 import { stepAndClock } from "../src/specs";
+import type { Event } from "../src/types";
 import { stepLine, withProbability } from "./support";
 
 test("numbers", () => {
@@ -258,4 +259,34 @@ test("tables: full precision, empty where there is nothing, quoted where needed"
     .trim()
     .split("\r\n");
   assert.deepEqual(sensors.slice(1), ["0,0,0,0,x,0.5,missing,,,", "1,1,0,0,y,0.5,used,-1,-2,"]);
+});
+
+test("alarms of one kind and source are one group, and those that wait for an answer are known", () => {
+  const alarm = (step: number, kind: string, message: string, more: Partial<Event> = {}): Event => ({
+    id: step,
+    step,
+    severity: "warning",
+    kind,
+    message,
+    ...more,
+  });
+  const groups = grouped([
+    alarm(9, "threshold", "P(crack > 40 mm) is 60 %"),
+    alarm(8, "sensors", "3 of 60 values rejected: they do not fit the others", {
+      acknowledged: { by: "Ada", comment: "" },
+    }),
+    alarm(7, "threshold", "P(force > 1.2 kN) is 7 %"),
+    alarm(6, "threshold", "P(crack > 40 mm) rose above 5 %: now 7 %"),
+    alarm(5, "sensors", "12 of 60 values rejected: they do not fit the others"),
+    alarm(4, "sensors", "Sensors are back", { severity: "info" }),
+  ]);
+  assert.deepEqual(
+    groups.map(({ latest, all, open }) => [latest.step, all.map((e) => e.step), open.map((e) => e.step)]),
+    [
+      [9, [9, 6], [9, 6]],
+      [8, [8, 5], [5]],
+      [7, [7], [7]],
+      [4, [4], []],
+    ],
+  );
 });

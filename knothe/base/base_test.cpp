@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "knothe/base/cancellation.hpp"
+#include "knothe/base/console.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/base/threads.hpp"
@@ -101,6 +102,23 @@ TEST(Cancellation, CheckThrowsOnceAsked) {
     EXPECT_EQ(error.status(), ExitStatus::interrupted);
   }
   request_cancellation(false);
+}
+
+TEST(Console, LinesAreBrokenAtBlanksAndContinuedWithAnIndent) {
+  EXPECT_EQ(wrapped("  one two three\nfour", 9, 2), "  one two\n    three\nfour");
+  EXPECT_EQ(wrapped("a    text to read", 14, 5), "a    text to\n     read");  // a column stays one
+  EXPECT_EQ(wrapped("µµµµ µµµµ", 9), "µµµµ µµµµ");                            // characters, not bytes
+  EXPECT_EQ(wrapped("unbreakable", 4), "unbreakable");
+  EXPECT_EQ(wrapped("a\n\nb", 4), "a\n\nb");
+}
+
+TEST(Console, WhatIsNoTerminalGetsTheTextAsItIs) {
+  std::FILE* const file = std::tmpfile();
+  EXPECT_EQ(coloured("reject", Colour::red, file), "reject");
+  const std::string line(300, 'x');
+  EXPECT_EQ(for_people(line + " " + line, file), line + " " + line);
+  EXPECT_EQ(cut_to_terminal(line, file).size(), 79U);
+  std::fclose(file);
 }
 
 }  // namespace

@@ -123,7 +123,12 @@ Project read_project(const std::string& path) {
   if (!in || !(text << in.rdbuf() || in.peek() == EOF)) {
     throw ProjectError(fmt::format("{}: cannot read the project file: {}", path, std::strerror(errno)));
   }
-  return parse_project(text.str(), path);
+  const std::string content = text.str();
+  const bool is_utf16 = content.starts_with("\xFF\xFE") || content.starts_with("\xFE\xFF");
+  if (!is_utf16 && content.find('\0') != std::string::npos)
+    throw ProjectError(fmt::format("{}: error: this is a binary file{}, not a project file: give the .toml",
+                                   path, content.starts_with("\x89HDF") ? " (HDF5)" : ""));
+  return parse_project(content, path);
 }
 
 }  // namespace knothe::project

@@ -3,10 +3,12 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "knothe/base/console.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/imaging/series/camera_drift.hpp"
@@ -43,6 +45,17 @@ void add_picture(nlohmann::ordered_json& line, const project::PictureDatum& datu
   elapsed["total"] = total;
 }
 
+/// `verdict_text` with its first line in the colour of its level.
+std::string shown_verdict(const assimilation::Verdict& verdict, std::FILE* stream) {
+  const std::string text = verdict_text(verdict);
+  const std::size_t end = std::min(text.find('\n'), text.size());
+  using Level = assimilation::VerdictLevel;
+  const Colour colour = verdict.level == Level::ok        ? Colour::green
+                        : verdict.level == Level::caution ? Colour::yellow
+                                                          : Colour::red;
+  return coloured(text.substr(0, end), colour, stream) + text.substr(end);
+}
+
 }  // namespace
 
 AssimilationOutput::AssimilationOutput(bool json, std::vector<model::Axis> axes, std::size_t steps)
@@ -60,21 +73,26 @@ void AssimilationOutput::show(const assimilation::StepResult& result,
   run_.add(result.update.verdict);
   models_ = result.models;
   forecasts_ = result.forecasts;
-  if (picture && picture->picture.missing) fmt::print(stderr, "{}\n", picture->picture.message);
+  if (picture && picture->picture.missing) tell(picture->picture.message);
   tell_sensors(result);
   if (json_) print_record(result, picture, pictures);
   if (!result.update.notice.empty())
-    fmt::print(stderr, "step {}: {}\n", result.update.step, result.update.notice);
+    tell(fmt::format("step {}: {}", result.update.step, result.update.notice));
   const double picture_us = picture ? picture->correlation_us + picture->precision_us : 0;
   tell_verdict(result.update);
   if (!json_) print_text(result, picture_us + result.update.elapsed_us.total() + result.forecast_us);
+}
+
+/// A line that stays, in place of the one that is shown meanwhile.
+void AssimilationOutput::tell(const std::string& line) const {
+  fmt::print(stderr, "{}{}\n", live_ ? "\r\033[K" : "", for_people(line, stderr, 2));
 }
 
 /// The verdict, where it is another than at the step before.
 void AssimilationOutput::tell_verdict(const assimilation::UpdateResult& update) {
   if (update.verdict.level == told_level_) return;
   told_level_ = update.verdict.level;
-  fmt::print(stderr, "step {}: {}\n", update.step, verdict_text(update.verdict));
+  tell(fmt::format("step {}: {}", update.step, shown_verdict(update.verdict, stderr)));
 }
 
 /// What a person should know of the sensors, once for each that stops.
@@ -83,7 +101,7 @@ void AssimilationOutput::tell_sensors(const assimilation::StepResult& result) {
        {std::pair(&result.stuck, "is stuck: the same value at five steps while the model moves"),
         std::pair(&result.absent, "is silent: no value at five steps")}) {
     for (const Eigen::Index i : *sensors)
-      if (told_.insert(i).second) fmt::print(stderr, "step {}: sensor {} {}\n", result.update.step, i, what);
+      if (told_.insert(i).second) tell(fmt::format("step {}: sensor {} {}", result.update.step, i, what));
   }
 }
 
@@ -115,21 +133,20 @@ void AssimilationOutput::print_text(const assimilation::StepResult& result, doub
   text += fmt::format("  {:.0f} µs", total_us);
   if (r.verdict.level != assimilation::VerdictLevel::ok)
     text += fmt::format("  {}", to_text(r.verdict.level));
-  if (live_) std::fprintf(stderr, "\r\033[K%s", text.c_str());
+  if (live_) fmt::print(stderr, "\r\033[K{}", cut_to_terminal(text, stderr));
   if ((r.step + 1) % 10 != 0 && shown_ != steps_) return;
   if (live_) std::fputs("\r\033[K", stderr);
-  fmt::print("{}\n", text);
+  fmt::print("{}\n", for_people(text, stdout, 2));
   std::fflush(stdout);
 }
 
 void AssimilationOutput::report_refinement(const project::Refinement& refinement) {
   run_.forget_model();
   const project::PosteriorMove& move = refinement.whole_move();
-  fmt::print(stderr,
-             "{}step {}: the full-order model was run ({} so far): the reduced model's error was {:.2g} "
-             "standard deviations; refined model: {}\n",
-             live_ ? "\r\033[K" : "", shown_, counted(refinement.runs(), "run"), move.mean,
-             refinement.file());
+  tell(
+      fmt::format("step {}: the full-order model was run ({} so far): the reduced model's error was {:.2g} "
+                  "standard deviations; refined model: {}",
+                  shown_, counted(refinement.runs(), "run"), move.mean, refinement.file()));
 }
 
 /// The input whose error would move a parameter most.
@@ -144,7 +161,9 @@ void AssimilationOutput::tell_largest_shift() const {
                          plain(100 * error.relative), error.name, axes_[a].name, largest);
     }
   }
-  if (!text.empty()) fmt::print("not in these intervals: {} (report: all inputs)\n", text);
+  if (!text.empty())
+    fmt::print("{}\n",
+               for_people(fmt::format("not in these intervals: {} (report: all inputs)", text), stdout, 2));
 }
 
 void AssimilationOutput::finish(double elapsed_s, const std::string& results_folder) {
@@ -159,10 +178,11 @@ void AssimilationOutput::finish(double elapsed_s, const std::string& results_fol
   }
   fmt::print("{} in {:.2f} s, untrusted: {}; results in {}\n", counted(shown_, "step"), elapsed_s,
              untrusted_.empty() ? "none" : fmt::format("{}", fmt::join(untrusted_, ", ")), results_folder);
-  for (const assimilation::NamedForecast& forecast : forecasts_) fmt::print("{}\n", forecast_text(forecast));
+  for (const assimilation::NamedForecast& forecast : forecasts_)
+    fmt::print("{}\n", for_people(forecast_text(forecast), stdout, 2));
   if (!models_.empty()) fmt::print("{}\n", assimilation::comparison_text(models_));
   tell_largest_shift();
-  fmt::print("{}\n", verdict_text(verdict()));
+  fmt::print("{}\n", for_people(shown_verdict(verdict(), stdout), stdout, 2));
 }
 
 }  // namespace knothe::record

@@ -37,6 +37,7 @@ class AssimilationOutput {
                     const std::optional<project::PictureDatum>& picture,
                     const project::PictureMeasurements* pictures) const;
   void print_text(const assimilation::StepResult& result, double total_us) const;
+  void tell(const std::string& line) const;
   void tell_verdict(const assimilation::UpdateResult& update);
   void tell_largest_shift() const;
   void tell_sensors(const assimilation::StepResult& result);

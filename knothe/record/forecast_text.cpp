@@ -33,6 +33,11 @@ std::string value_text(double mean, double std, const std::string& units) {
   return with_uncertainty(factor * mean, factor * std) + unit;
 }
 
+std::string given_text(double value, const std::string& units) {
+  const auto [factor, unit] = readable_unit(std::abs(value), units);
+  return plain(factor * value) + unit;
+}
+
 std::string probability_text(double probability) {
   if (probability < 0.001) return "< 0.1 %";
   if (probability > 0.999) return "> 99.9 %";

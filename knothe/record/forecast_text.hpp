@@ -10,6 +10,9 @@ namespace knothe::record {
 /// metres as mm, or µm where both are below 10 µm; "200.2 ± 1.7 GPa".
 [[nodiscard]] std::string value_text(double mean, double std, const std::string& units);
 
+/// A value that was given: "40 mm", "1 kN".
+[[nodiscard]] std::string given_text(double value, const std::string& units);
+
 /// "12.3 %", "< 0.1 %", "> 99.9 %": of samples, none of them above does not mean never.
 [[nodiscard]] std::string probability_text(double probability);
 

@@ -21,6 +21,12 @@ TEST(ForecastText, HasAsManyDigitsAsTheStandardDeviationAsksFor) {
   EXPECT_EQ(value_text(123456, 7890, "m3"), "(1.235 ± 0.079)·10⁵ m3");
 }
 
+TEST(ForecastText, WhatWasGivenHasNoMoreDigits) {
+  EXPECT_EQ(given_text(0.04, "m"), "40 mm");
+  EXPECT_EQ(given_text(12500, "N"), "12.5 kN");
+  EXPECT_EQ(given_text(1, ""), "1");
+}
+
 TEST(ForecastText, ProbabilitiesAreNeverCertain) {
   EXPECT_EQ(probability_text(4.54e-56), "< 0.1 %");
   EXPECT_EQ(probability_text(1), "> 99.9 %");

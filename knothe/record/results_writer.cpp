@@ -271,6 +271,7 @@ void ResultsWriter::write_summary(const std::string& path, double elapsed_s) con
     if (f.threshold) entry["threshold"] = *f.threshold;
     entry["unit"] = "m";
     if (f.quantity != assimilation::ForecastSpecification::Quantity::output) continue;
+    entry["output"] = f.output;
     for (const auto& output : model_.contents().outputs) {
       if (output.name == f.output) entry["unit"] = output.labels.units;
     }

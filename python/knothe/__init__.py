@@ -55,6 +55,10 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module 'knothe' has no attribute {name!r}")
 
 
+def __dir__() -> list[str]:
+    return sorted([*__all__, "plot"])
+
+
 __all__ = [
     "Axis", "Correlation", "DataError", "Datum", "Displacements", "Error", "Fit", "Forecast", "InferenceResult", "Interrupted",
     "IoError", "Lognormal", "Model", "Normal", "NumericalError", "ObservedModel", "Population", "Posterior", "PosteriorOf",

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from knothe import _knothe
+from knothe import _knothe, _notebook
 from knothe._errors import UsageError
 from knothe._values import Array, Axis, OfNative, Sensors, counted, numbers, points_of, require_progress, step_of
 
@@ -301,6 +301,18 @@ class Model(OfNative):
     def __repr__(self) -> str:
         names = f"parameter{'' if len(self.parameters) == 1 else 's'} {', '.join(self.parameters)}"
         return f"<Model {self.path}: {names}, {counted(len(self.times), 'step')}>"
+
+    def _repr_html_(self) -> str:
+        info = self.info
+        rows = [(axis["name"], f"{axis['lower']:.4g} … {axis['upper']:.4g}", axis["long_name"] or axis["units"])
+                for axis in info["parameters"]]
+        size = f"{counted(len(self.times), 'step')}, {counted(len(self.components), 'dof')}"
+        return _notebook.table(f"Model {self.path}: {size}", ("parameter", "range", "what"), rows)
+
+    def _mesh(self) -> tuple[Array, Any, str] | None:
+        """Nodes n x 3, cells m x k and their type in VTK's words; nothing if the file has no mesh."""
+        found = self._native.mesh()
+        return None if found is None else (found[0], found[1], found[2].removeprefix("VTK_"))
 
 
 def _solutions(function: Callable[..., Any], axes: Mapping[str, Array], time: Array, outputs: Sequence[str],

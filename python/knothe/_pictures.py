@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knothe import _knothe
+from knothe import _knothe, _notebook
 from knothe._errors import UsageError
 from knothe._twin import Datum
 from knothe._values import Array, ByValue, Precision, Sensors, counted, points_of
@@ -290,6 +290,10 @@ class Correlation:
 
     def __repr__(self) -> str:
         return f"<Correlation: {counted(len(self.x), 'node')}, {counted(len(self.elements), 'element')}>"
+
+    def _repr_html_(self) -> str:
+        rows = [(f"{np.min(each):.5g} … {np.max(each):.5g} px",) for each in (self.x, self.y)]
+        return _notebook.table(repr(self).strip("<>"), ("", "region"), [("xy"[k], *row) for k, row in enumerate(rows)])
 
     def sensors(self, scale: float, origin: Sequence[float] = (0, 0), *, z: float = 0) -> Sensors:
         """The nodes as sensors of a model with y up: u and v of each in turn, as in `Displacements.datum`.

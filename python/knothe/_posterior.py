@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from knothe import _knothe
+from knothe import _knothe, _notebook
 from knothe._errors import UsageError, untrusted
 from knothe._values import Array, ByValue, count_of
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import xarray
 
 _CHAINS = 4
+_ONE_SIGMA = "±: one standard deviation."
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,10 @@ class Verdict(ByValue):
     def __bool__(self) -> bool:
         return self.level != "reject"
 
+    def _repr_html_(self) -> str:
+        reasons = [(reason.level, reason.code, reason.message) for reason in self.reasons]
+        return _notebook.verdict_line(self.level) + (_notebook.table("Reasons", ("level", "what", "why"), reasons) if reasons else "")
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Forecast(ByValue):
@@ -165,10 +170,23 @@ class Forecast(ByValue):
                    np.array(record["values"]), record["units"], np.array(density["points"]), np.array(density["values"]))
 
     def __repr__(self) -> str:
-        p = self.probability_above_threshold  # of draws: none above is not impossible
-        shown = "< 0.1 %" if p < 0.001 else "> 99.9 %" if p > 0.999 else f"{100 * p:.3g} %"
-        return (f"<Forecast at time {self.horizon:g}: {self.mean:.4g} ± {self.std:.2g} {self.units}, "
-                f"P(above {self.threshold:g} {self.units}): {shown}>")
+        return (f"<Forecast at time {self.horizon:g}: {_notebook.quantity(self.mean, self.std, self.units)}, "
+                f"P(above {_notebook.given(self.threshold, self.units)}): {_notebook.percent(self.probability_above_threshold)}>")
+
+    def _row(self, name: str) -> tuple[str, ...]:
+        factor, unit = _notebook.readable_units(max(abs(self.mean), self.std), self.units)
+        low, high = (_notebook.number(factor * value, factor * self.std) for value in (self.values[0], self.values[-1]))
+        return (name, f"{self.horizon:g}", _notebook.quantity(self.mean, self.std, self.units), f"{low} … {high} {unit}".rstrip(),
+                f"P(> {_notebook.given(self.threshold, self.units)}) {_notebook.percent(self.probability_above_threshold)}")
+
+    def _repr_html_(self) -> str:
+        return _forecast_table({"": self})
+
+
+def _forecast_table(forecasts: Mapping[str, Forecast]) -> str:
+    return _notebook.table("Forecast" if len(forecasts) == 1 else "Forecasts", ("", "at time", "value", "95 %", "threshold"),
+                           [forecast._row(name) for name, forecast in forecasts.items()], _ONE_SIGMA)
+
 
 
 class Posterior:
@@ -458,5 +476,24 @@ class Posterior:
                 "history": xarray.Dataset(numbers, {"step": [self.record.get("step", 0)]})}
 
     def __repr__(self) -> str:
-        numbers = ", ".join(f"{name} = {m:.4g} ± {s:.2g}" for name, m, s in zip(self.parameters, self.mean, self.std))
+        numbers = ", ".join(f"{name} = {m:.4g} ± {s:.2g}{self._physical(name, ' ({})')}"
+                            for name, m, s in zip(self.parameters, self.mean, self.std))
         return f"<{type(self).__name__}: {numbers}{'' if self.trusted else '; ' + untrusted(self.remark)}>"
+
+    def _physical(self, name: str, form: str = "{}") -> str:
+        """The parameter's value in its unit, where that is known and is not the number itself."""
+        known = self.record.get("physical", {}).get(name, {})
+        units = known.get("units", "1")
+        return "" if units == "1" else form.format(_notebook.quantity(known["mean"], known["std"], units))
+
+    def _repr_html_(self) -> str:
+        values = self.quantiles
+        rows = [(name, _notebook.quantity(m, s), f"{_notebook.number(q[0], s)} … {_notebook.number(q[-1], s)}", self._physical(name))
+                for name, m, s, q in zip(self.parameters, self.mean, self.std, values)]
+        shown = _notebook.table(type(self).__name__, ("parameter", "estimate", "95 %", "in its unit"), rows, _ONE_SIGMA)
+        verdict, forecasts = self.record.get("verdict"), self.record.get("forecast", {})
+        if isinstance(verdict, Mapping):
+            shown = Verdict.of(verdict)._repr_html_() + shown
+        elif not self.trusted:
+            shown = _notebook.table("Not trusted", (), [(self.remark,)]) + shown
+        return shown + (_forecast_table({name: Forecast.of(each) for name, each in forecasts.items()}) if forecasts else "")

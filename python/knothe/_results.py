@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from knothe import _notebook
 from knothe._errors import DataError, warned
 from knothe._posterior import Posterior, Verdict
 from knothe._values import counted
@@ -141,6 +142,9 @@ class Results:
 
     def __repr__(self) -> str:
         return f"<Results {self.folder}: {counted(len(self.steps), 'step')}>"
+
+    def _repr_html_(self) -> str:
+        return _notebook.table(repr(self).strip("<>"), (), ()) + self.posterior._repr_html_()
 
 
 def open_results(folder: "str | os.PathLike[str]") -> Results:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from knothe import _knothe
+from knothe import _knothe, _notebook
 from knothe._errors import UsageError, warned
 from knothe._models import Model, _at_points
 from knothe._posterior import Forecast, Posterior, Verdict
@@ -520,6 +520,10 @@ class Twin:
     def __repr__(self) -> str:
         names = f"parameter{'' if len(self.parameters) == 1 else 's'} {', '.join(self.parameters)}"
         return f"<Twin: {names}; data at {len(self.steps)} of {counted(len(self.times), 'step')}>"
+
+    def _repr_html_(self) -> str:
+        title = _notebook.table(f"Twin: data at {len(self.steps)} of {counted(len(self.times), 'step')}", (), ())
+        return title + (self.last._repr_html_() if self.steps else "")
 
 
 def _twin_of(made_by: tuple[Any, ...], data: list[Datum], read: int) -> Twin:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from statistics import NormalDist
 from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
@@ -13,7 +14,10 @@ from knothe._errors import UsageError
 from knothe._pictures import Correlation
 from knothe._posterior import Posterior
 from knothe._results import Results
+from knothe._models import Model
+from knothe._notebook import readable_units
 from knothe._twin import StepResult, Twin
+from knothe._values import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -103,7 +107,7 @@ def marginals(posterior: "Posterior | Results", *, truth: Mapping[str, float] | 
 
 
 def pair(posterior: "Posterior | Results", *, truth: Mapping[str, float] | None = None, draws: int = 700) -> "list[list[Axes]]":
-    """Each parameter against each other: draws below the diagonal, marginal densities on it.
+    """Each parameter against each other: draws and the regions of 50 % and 95 % below the diagonal, marginal densities on it.
 
     Parameters
     ----------
@@ -145,16 +149,41 @@ def pair(posterior: "Posterior | Results", *, truth: Mapping[str, float] | None 
                 _draw_marginal(each, posterior, i, known)
                 each.set_yticks([])
             else:
-                each.plot(shown[:, j], shown[:, i], ".", color=_BLUE, markersize=3, alpha=0.35, markeredgewidth=0)
+                each.plot(shown[:, j], shown[:, i], ".", color=_BLUE, markersize=3, alpha=0.35, markeredgewidth=0, label="draws")
+                _draw_regions(each, shown[:, j], shown[:, i])
                 if names[j] in known and names[i] in known:
-                    each.plot(known[names[j]], known[names[i]], "+", color=_TRUTH, markersize=10, markeredgewidth=2)
+                    each.plot(known[names[j]], known[names[i]], "+", color=_TRUTH, markersize=10, markeredgewidth=2, label="truth")
             each.set_xlabel(names[j] if i == d - 1 else "")
             each.set_ylabel(names[i] if j == 0 and i > 0 else "")
     for j in range(d):  # a column has one scale
         for i in range(j + 1, d):
             rows[i][j].set_xlim(rows[j][j].get_xlim())
             rows[i][j].set_ylim(rows[i][i].get_xlim())
+    if d > 1:
+        handles, labels = rows[1][0].get_legend_handles_labels()
+        rows[0][d - 1].legend(handles, labels, loc="center", frameon=False)
     return [list(row) for row in rows]
+
+
+def _draw_regions(axes: "Axes", x: Array, y: Array) -> None:
+    """Smallest regions that hold 50 % and 95 % of the draws, by a kernel density."""
+    if min(np.ptp(x), np.ptp(y)) <= 0:
+        return
+    draws = np.stack([x, y])
+    root = np.linalg.inv(np.linalg.cholesky(np.cov(draws) * len(x) ** (-1 / 3)))  # Scott's rule, d = 2
+
+    def density(points: Array) -> Array:
+        far = root @ points
+        near = root @ draws
+        return np.exp(-0.5 * ((far[:, :, np.newaxis] - near[:, np.newaxis, :]) ** 2).sum(axis=0)).sum(axis=1)
+
+    levels = np.quantile(density(draws), [0.05, 0.5])
+    margin = 0.15
+    grid = np.meshgrid(*(np.linspace(v.min() - margin * np.ptp(v), v.max() + margin * np.ptp(v), 50) for v in (x, y)))
+    values = density(np.stack([g.ravel() for g in grid])).reshape(grid[0].shape)
+    axes.contour(*grid, values, levels=levels, colors="black", linewidths=[0.8, 1.2], linestyles=["--", "-"])
+    axes.plot([], [], color="black", linewidth=1.2, label="50 %")
+    axes.plot([], [], color="black", linewidth=0.8, linestyle="--", label="95 %")
 
 
 def _records(steps: Any) -> tuple[list[str], Sequence[Mapping[str, Any]]]:
@@ -187,8 +216,15 @@ def _quantiles(records: Sequence[Mapping[str, Any]], parameters: list[str], what
     raise UsageError(f"\"{what}\" is neither a parameter nor a forecast of every step; there are {', '.join(names)}")
 
 
+def _draw_limits(axes: "Axes", forecast: Mapping[str, Any], scale: float = 1) -> None:
+    """Threshold and horizon of a forecast."""
+    if forecast.get("threshold") is not None:
+        axes.axhline(scale * forecast["threshold"], color="black", linestyle="--", linewidth=1, label="threshold")
+    axes.axvline(forecast["horizon"], color="#2e8b57", linestyle=":", linewidth=1, label="horizon")
+
+
 def fan(steps: Steps, what: str, *, truth: float | None = None, axes: "Axes | None" = None) -> "Axes":
-    """Evolution of a parameter or forecast: median, 50 % and 95 % intervals over time.
+    """Evolution of a parameter or forecast: median, 50 % and 95 % intervals over time, a forecast's threshold and horizon.
 
     Parameters
     ----------
@@ -225,6 +261,8 @@ def fan(steps: Steps, what: str, *, truth: float | None = None, axes: "Axes | No
     drawn.plot(time, values[:, values.shape[1] // 2], color=_BLUE, marker=marker, label="median")
     if truth is not None:
         drawn.axhline(truth, color=_TRUTH, linewidth=1, label="truth")
+    if what not in parameters:
+        _draw_limits(drawn, records[-1]["forecast"][what])
     drawn.set_xlabel("model time")
     drawn.set_ylabel(f"{what} [{units}]" if units else what)
     drawn.legend(frameon=False)
@@ -277,7 +315,7 @@ def verdict(steps: Steps, *, axes: "Axes | None" = None) -> "Axes":
 
 
 def field(model: Any, values: Any, *, component: str = "y", plane: str = "xy", axes: "Axes | None" = None) -> "Axes":
-    """One component of a displacement field at the dofs of a model, seen along an axis; or at the nodes of a correlation.
+    """One component of a displacement field on the mesh of a model, seen along an axis (at its dofs without a mesh); or of a correlation.
 
     Parameters
     ----------
@@ -309,10 +347,10 @@ def field(model: Any, values: Any, *, component: str = "y", plane: str = "xy", a
     >>> knothe.plot.field(correlation, moved.u).get_xlabel()
     'x [px]'
     """
+    given = np.asarray(values)
+    drawn = _figure(1, 1, 6, 3)[0][0] if axes is None else axes
     if isinstance(model, Correlation):
-        drawn = _figure(1, 1, 6, 3)[0][0] if axes is None else axes
-        shown = drawn.scatter(model.x, model.y, c=np.asarray(values), cmap="viridis", s=18)
-        drawn.figure.colorbar(shown, ax=drawn, label="displacement [px]")
+        _draw_cells(drawn, np.c_[model.x, model.y], model.elements, given, "displacement [px]")
         drawn.set_xlabel("x [px]")
         drawn.set_ylabel("y [px]")
         drawn.set_aspect("equal", adjustable="datalim")
@@ -322,11 +360,194 @@ def field(model: Any, values: Any, *, component: str = "y", plane: str = "xy", a
     if not chosen.any():
         raise UsageError(f"the model has no displacements in direction {component}")
     across, up = ("xyz".index(letter) for letter in plane)
-    drawn = _figure(1, 1, 6, 3)[0][0] if axes is None else axes
-    points = model.points[chosen]
-    shown = drawn.scatter(points[:, across], points[:, up], c=np.asarray(values)[chosen], cmap="viridis", s=18)
-    drawn.figure.colorbar(shown, ax=drawn, label=f"displacement {component} [m]")
+    factor, unit = readable_units(float(np.max(abs(given[chosen]))), "m")
+    label = f"displacement {component} [{unit}]"
+    points, shown = model.points[chosen], factor * given[chosen]
+    found = _seen_cells(model, points, 3 - across - up)
+    if found is None:
+        drawn.figure.colorbar(drawn.scatter(points[:, across], points[:, up], c=shown, cmap="viridis", s=18), ax=drawn, label=label)
+    else:
+        nodes, cells, of_dof = found
+        _draw_cells(drawn, nodes[:, [across, up]], cells, shown[of_dof], label)
     drawn.set_xlabel(f"{plane[0]} [m]")
     drawn.set_ylabel(f"{plane[1]} [m]")
     drawn.set_aspect("equal", adjustable="datalim")
+    return drawn
+
+
+_HEXAHEDRON = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
+
+
+def _seen_cells(model: Any, points: Array, along: int) -> tuple[Array, Any, Any] | None:
+    """What is seen along an axis: nodes, cells of 3 or 4, and the dof at each node; nothing where there is no mesh of known cells.
+
+    Of hexahedra the outermost plane."""
+    mesh = model._mesh() if isinstance(model, Model) else None
+    if mesh is None:
+        return None
+    nodes, cells, kind = mesh
+    if kind == "HEXAHEDRON":
+        faces = cells[:, np.array(_HEXAHEDRON)].reshape(-1, 4)
+        outermost = nodes[:, along].max()
+        cells = faces[np.all(abs(nodes[faces, along] - outermost) < 1e-9 + 1e-6 * np.ptp(nodes), axis=1)]
+    elif kind not in ("TRIANGLE", "QUAD"):
+        return None
+    at = {tuple(np.round(point, 9)): i for i, point in enumerate(points)}
+    of_dof = {node: at.get(tuple(np.round(nodes[node], 9))) for node in np.unique(cells)}
+    if not len(cells) or None in of_dof.values():
+        return None
+    number = {node: i for i, node in enumerate(of_dof)}
+    return nodes[list(of_dof)], np.vectorize(number.get)(cells), np.array(list(of_dof.values()))
+
+
+def _draw_cells(axes: "Axes", nodes: Array, cells: Any, values: Array, label: str) -> None:
+    """Coloured between the nodes (triangles and quadrilaterals; -1 as a triangle's fourth node), with the edges of the elements."""
+    from matplotlib.collections import PolyCollection
+
+    cells = np.asarray(cells)
+    triangles = cells[:, :3]
+    if cells.shape[1] == 4:
+        triangles = np.concatenate([triangles, cells[cells[:, 3] >= 0][:, [0, 2, 3]]])
+    known = np.isfinite(values)
+    hidden = ~known[triangles].all(axis=1)
+    shown = axes.tripcolor(nodes[:, 0], nodes[:, 1], triangles, np.where(known, values, 0.0), shading="gouraud", cmap="viridis",
+                           mask=hidden, vmin=np.min(values[known], initial=np.inf) if known.any() else 0,
+                           vmax=np.max(values[known], initial=-np.inf) if known.any() else 1)
+    edges = [nodes[cell[cell >= 0]] for cell in cells]
+    axes.add_collection(PolyCollection(edges, facecolors="none", edgecolors="#00000040", linewidths=0.4))
+    axes.figure.colorbar(shown, ax=axes, label=label)
+
+
+def load_displacement(results: "Results | Posterior", model: Model, *, output: str = "reaction_force",
+                      over: str = "imposed_displacement", draws: int = 200, axes: "Axes | None" = None) -> "Axes":
+    """A force, or any output, over what is imposed: measured, the posterior's band, and the forecast behind the last datum.
+
+    Parameters
+    ----------
+    results : Results, StepResult, InferenceResult or Fit
+        Of Results the last step; they have the measured values, and the forecasts' thresholds and horizons, too.
+    model : Model
+        The reduced model of the results.
+    output, over : str
+        Outputs of the model, in their units; without `over` in the model, over time.
+    draws : int
+        Number of draws from which the band (95 %) is made.
+    axes : Axes, optional
+        A figure of its own by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    UsageError
+        The model has no such output.
+
+    Examples
+    --------
+    >>> t = np.array([1.0, 2.0])
+    >>> spring = knothe.offline(lambda k: (t[:, np.newaxis] / k, {"force": t * k}), {"k": np.linspace(0.5, 1.5, 5)}, t, "spring.h5",
+    ...                         points=[[0, 0, 0]], outputs={"force": "N"})
+    >>> watch = knothe.Twin(model=spring, sensors=knothe.Sensors([[0, 0, 0]], "y"), std=0.1, parameters={"k": knothe.Normal(1, 0.2)})
+    >>> found = watch.assimilate(knothe.Datum(0, [1.1]))
+    >>> knothe.plot.load_displacement(found, spring, output="force").get_ylabel()
+    'force [N]'
+    """
+    known = model.info
+    if output not in known["outputs"]:
+        raise UsageError(f"the model has no output \"{output}\"; there are {', '.join(known['outputs'])}")
+    posterior = _posterior(results)
+    order = [posterior.parameters.index(name) for name in model.parameters]
+    forces = model.output(output, posterior.draws(draws)[:, order])
+    steps = len(model.times)
+    imposed = model.output(over, posterior.mean[order]) if over in known["outputs"] else model.times
+    across, across_unit = readable_units(float(np.max(abs(imposed))), known["output_units"].get(over, "")) if over in known["outputs"] else (1, "")
+    up, up_unit = readable_units(float(np.max(abs(forces))), known["output_units"][output])
+    x = across * imposed
+    low, middle, high = up * np.quantile(forces, [0.025, 0.5, 0.975], axis=0)
+    last = int(np.searchsorted(model.times, posterior.record.get("time", model.times[-1]) * (1 - 1e-9)))
+    drawn = _figure(1, 1, 5.5, 3.2)[0][0] if axes is None else axes
+    drawn.fill_between(x, low, high, color=_BLUE, alpha=0.2, linewidth=0, label="95 %")
+    drawn.plot(x[:last + 1], middle[:last + 1], color=_BLUE, label="median")
+    if last + 1 < steps:
+        drawn.plot(x[last:], middle[last:], color=_BLUE, linestyle="--", label="forecast")
+        drawn.axvline(x[last], color=_GREY, linewidth=1, linestyle=":", label="last datum")
+    if isinstance(results, Results):
+        _draw_measured(drawn, results, output, model.times, x, up)
+    drawn.set_xlabel(_axis_label(over if over in known["outputs"] else "model time", across_unit))
+    drawn.set_ylabel(_axis_label(output, up_unit))
+    drawn.legend(frameon=False)
+    return drawn
+
+
+def _axis_label(name: str, unit: str) -> str:
+    words = name.replace("_", " ")
+    return f"{words} [{unit}]" if unit else words
+
+
+def _draw_measured(axes: "Axes", results: Results, output: str, times: Array, x: Array, scale: float) -> None:
+    """What was measured of an output, and the limits of its forecasts."""
+    series = (results.summary.get("residuals") or {}).get("series", {}).get(output)
+    if series:
+        time_of = {record["step"]: record["time"] for record in results.steps}
+        at = np.interp([time_of[step] for step in series["step"]], times, x)
+        axes.plot(at, scale * np.array(series["measured"]), ".", color="black", markersize=4, label="measured")
+    for forecast in results.summary.get("forecasts", {}).values():
+        if forecast.get("output") == output:
+            _draw_limits(axes, {**forecast, "horizon": np.interp(forecast["horizon"], times, x)}, scale)
+
+
+def residuals(results: "Results | Twin", *, axes: "Sequence[Axes] | None" = None) -> "list[Axes]":
+    """Measured minus predicted, in standard deviations of the prediction with its noise: over time, and beside a normal's quantiles.
+
+    Where only noise is left, 95 % lie within ±2 and the quantiles on the line.
+
+    Parameters
+    ----------
+    results : Results or Twin
+        Of the last step's posterior.
+    axes : sequence of two Axes, optional
+        A figure of its own by default.
+
+    Returns
+    -------
+    list of matplotlib.axes.Axes
+
+    Raises
+    ------
+    UsageError
+        There are no data.
+
+    Examples
+    --------
+    >>> [a.get_ylabel() for a in knothe.plot.residuals(twin)]
+    ['standardised residual [σ]', 'quantile of the residuals [σ]']
+    """
+    groups = results.to_xarray()
+    if "observed_data" not in groups or "posterior_predictive" not in groups:
+        raise UsageError("there are no measured values to compare with")
+    time, found = [], []
+    for name, measured in groups["observed_data"].data_vars.items():
+        if name not in groups["posterior_predictive"]:
+            continue
+        predicted = groups["posterior_predictive"][name]
+        values = ((measured - predicted.mean(("chain", "draw"))) / predicted.std(("chain", "draw"))).transpose("step", ...).values
+        found.append(values.reshape(len(values), -1))
+        time.append(np.repeat(np.arange(len(values)), found[-1].shape[1]))
+    x, y = np.concatenate(time), np.concatenate([values.ravel() for values in found])
+    x, y = x[np.isfinite(y)], y[np.isfinite(y)]
+    drawn = list(_figure(1, 2, 8, 3)[0]) if axes is None else list(axes)
+    drawn[0].plot(x, y, ".", color=_BLUE, markersize=3, alpha=0.5)
+    for limit in (-2, 2):
+        drawn[0].axhline(limit, color=_GREY, linestyle="--", linewidth=1, label="95 % within ±2" if limit > 0 else None)
+    drawn[0].set_xlabel("step with data")
+    drawn[0].set_ylabel("standardised residual [σ]")
+    drawn[0].legend(frameon=False)
+    normal = [NormalDist().inv_cdf((i + 0.5) / len(y)) for i in range(len(y))]
+    drawn[1].plot(normal, np.sort(y), ".", color=_BLUE, markersize=3)
+    drawn[1].axline((0, 0), slope=1, color=_GREY, linestyle="--", linewidth=1, label="standard normal")
+    drawn[1].set_xlabel("quantile of a standard normal")
+    drawn[1].set_ylabel("quantile of the residuals [σ]")
+    drawn[1].legend(frameon=False)
     return drawn

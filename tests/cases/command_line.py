@@ -25,8 +25,34 @@ class Test(Case):
                 out = self.expect(0, *command, "--help").out
                 self.assertIn("Example:\n  knothe " + " ".join(command) + " ", out)
 
-    def test_no_command_is_wrong_usage(self):
-        self.expect(2, stderr="--help")
+    def test_no_command_is_wrong_usage_and_lists_the_commands_by_task(self):
+        listed = self.expect(2, stderr="--help").err
+        self.assertEqual(self.expect(0, "help").out, listed)
+        known = re.findall(r"^  ([a-z]+) ", self.expect(0, "--help").out.partition("Subcommands:")[2], re.MULTILINE)
+        self.assertEqual(sorted(re.findall(r"^  ([a-z]+) ", listed, re.MULTILINE)), sorted(known))
+        self.assertRegex(listed, r"\nAssimilate a test\n  assimilate ")
+
+    def test_help_of_a_command_is_a_command_too(self):
+        for command in COMMANDS:
+            self.assertEqual(self.expect(0, "help", *command).out, self.expect(0, *command, "--help").out)
+        self.expect(2, "help", "asimilate", stderr='did you mean "assimilate"?')
+        self.assertEqual(self.expect(0, "-V").out, self.expect(0, "--version").out)
+
+    def test_no_line_of_the_help_is_longer_than_people_read(self):
+        for command in ([], ["help"], *([*command, "--help"] for command in COMMANDS)):
+            outcome = self.run_knothe(*command)
+            for line in (outcome.out + outcome.err).splitlines():
+                self.assertLessEqual(len(line), 100 if "{" not in line else 140, line)
+
+    def test_an_unknown_option_is_named_with_the_nearest_one(self):
+        self.expect(2, "assimilate", "x.toml", "--jsn", stderr=["unknown option --jsn", 'did you mean "--json"?'])
+        self.expect(2, "offline", "x.toml", "--outptu=m.h5", stderr=["unknown option --outptu", 'did you mean "--output"?'])
+
+    def test_a_binary_file_is_no_project(self):
+        (self.folder / "model.h5").write_bytes(b"\x89HDF\r\n\x1a\n\0\0\0")
+        (self.folder / "picture.tif").write_bytes(b"II*\0\0\0\0")
+        for name, kind in (("model.h5", " (HDF5)"), ("picture.tif", "")):
+            self.expect(3, "assimilate", name, stderr=f"{name}: error: this is a binary file{kind}, not a project file: give the .toml")
 
     def test_an_unknown_command_is_named_with_the_nearest_one(self):
         self.expect(2, "asimilate", "x.toml", stderr=["asimilate", 'did you mean "assimilate"?'])

@@ -113,6 +113,12 @@ class Test(Case):
         self.check_reference_of_interfaces(html / "reference")
         if not os.path.exists(CHROMIUM):
             self.skipTest(f"{CHROMIUM} is not installed: search and equations were not looked at")
+        # The theme's own style sheet and script come from the folder too.
+        self.assertNotIn("url(/", (html / "_static/styles/furo.css").read_text())
+        found, _ = self.shown(f"file://{html}/how-to/python.html")
+        self.assertRegex(found, r'<body data-theme="(light|dark)"')
+        self.assertIn('<button class="copy" type="button">copy</button>', found)
+        self.assertIn("_static/favicon.svg", found)
         found, asked = self.shown(f"file://{html}/search.html?q=effective+sample+size")
         self.assertTrue(re.search(r"href=\"explanation/assimilation\.html", found), "the search does not find the page")
         for name in ("Twin", "TransportMap"):

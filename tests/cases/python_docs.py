@@ -38,6 +38,16 @@ def bar(e, f, x, t):
     return 1e-3 * np.outer(t, x * (2 - x)) / e + 1e-3 * f * np.outer(t ** 2, x)
 
 
+class FieldOn(knothe.Model):
+    """A model of which only the mesh is asked."""
+
+    def __init__(self, nodes, cells):
+        self.mesh = nodes, cells, "HEXAHEDRON"
+
+    def _mesh(self):
+        return self.mesh
+
+
 class Test(CaseInItsFolder):
     def setUp(self):
         super().setUp()
@@ -139,12 +149,52 @@ class Test(CaseInItsFolder):
         self.assertGreater(len(blocks), 8)
         done = subprocess.run([sys.executable, "-c", "\n".join(blocks)], capture_output=True, text=True, timeout=250)
         self.assertEqual(done.returncode, 0, done.stderr[-3000:])
-        for figure in ("pair", "marginals", "fan", "verdict", "field"):
+        for figure in ("pair", "marginals", "fan", "verdict", "residuals", "field"):
             content = (self.folder / f"{figure}.png").read_bytes()
             self.assertTrue(content.startswith(b"\x89PNG") and len(content) > 5000, figure)
         kept = os.environ.get("KNOTHE_KEEP_FIGURES")
         for figure in self.folder.glob("*.png") if kept else ():
             (pathlib.Path(kept) / figure.name).write_bytes(figure.read_bytes())
+
+    def test_a_field_is_drawn_on_the_mesh(self):
+        """Two hexahedra: the outer face has two quadrilaterals, coloured between their six nodes."""
+        nodes = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1, 2)], dtype=float)
+        at = lambda x, y, z: x + 3 * y + 6 * z
+        cells = np.array([[at(x + dx, dy, dz) for dz in (0, 1) for dx, dy in ((0, 0), (1, 0), (1, 1), (0, 1))] for x in (0, 1)])
+        seen, faces, of_dof = knothe.plot._seen_cells(FieldOn(nodes, cells), nodes, 2)
+        self.assertEqual({tuple(point) for point in seen}, {(x, y, 1.0) for x in (0, 1, 2) for y in (0, 1)})
+        self.assertEqual({frozenset(map(tuple, seen[face])) for face in faces},
+                         {frozenset((x + dx, dy, 1.0) for dx in (0, 1) for dy in (0, 1)) for x in (0, 1)})
+        np.testing.assert_array_equal(nodes[of_dof], seen)
+        axes = pyplot.figure().gca()
+        knothe.plot._draw_cells(axes, seen[:, :2], faces, np.arange(6.0), "u")
+        self.assertEqual(len(axes.collections[-1].get_paths()), 2)
+
+    def test_a_load_curve_has_measured_band_and_forecast(self):
+        t = np.linspace(0.25, 1, 4)
+        spring = knothe.offline(lambda k: (np.outer(t, [1.0]) / k, {"force": 100 * t * k, "stroke": 1e-3 * t}), {"k": np.linspace(0.5, 1.5, 9)}, t,
+                                "spring.h5", points=[[0, 0, 0]], outputs={"force": "N", "stroke": "m"})
+        twin = knothe.Twin(model=spring, sensors=knothe.Sensors([[0, 0, 0]], "y"), std=0.01, parameters={"k": knothe.Normal(1, 0.2)})
+        for step in (0, 1):
+            result = twin.assimilate(knothe.Datum(step, [t[step] / 1.1]))
+        axes = knothe.plot.load_displacement(result, spring, output="force", over="stroke")
+        self.assertEqual((axes.get_xlabel(), axes.get_ylabel()), ("stroke [mm]", "force [N]"))
+        lines = {line.get_label(): line.get_xydata() for line in axes.lines}
+        np.testing.assert_allclose(lines["median"][:, 0], [0.25, 0.5])
+        np.testing.assert_allclose(lines["forecast"][:, 0], [0.5, 0.75, 1.0])
+        np.testing.assert_allclose(lines["forecast"][:, 1], 110 * t[1:], rtol=3 * float(result.std[0]))
+        with self.assertRaises(knothe.UsageError) as caught:
+            knothe.plot.load_displacement(result, spring)
+        self.assertIn('no output "reaction_force"; there are', str(caught.exception))
+
+    def test_a_pair_has_the_regions_that_hold_half_and_most_of_the_draws(self):
+        draws = np.random.default_rng(1).multivariate_normal([0, 0], [[1, 0.8], [0.8, 1]], 700).T
+        axes = pyplot.figure().gca()
+        knothe.plot._draw_regions(axes, *draws)
+        outer = axes.collections[0].get_paths()[0]
+        inside = outer.contains_points(draws.T).mean()
+        self.assertLess(abs(inside - 0.95), 0.02)
+        self.assertEqual([line.get_label() for line in axes.lines], ["50 %", "95 %"])
 
     def test_figures_refuse_what_is_not_there(self):
         self.make_project()

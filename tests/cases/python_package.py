@@ -5,6 +5,7 @@ import math
 import os
 import pathlib
 import pickle
+import re
 import shutil
 import signal
 import subprocess
@@ -461,6 +462,29 @@ class Test(CaseInItsFolder):
                            (knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0), "<InferenceResult: a = ")):
             self.assertTrue(repr(each).startswith(text) and len(repr(each)) < 200, repr(each))
         self.assertIn("not converged: ", repr(correlation.correlate(np.zeros((96, 96)))))
+
+    def test_dir_lists_what_is_public(self):
+        self.assertEqual([name for name in dir(knothe) if name.startswith("_")], ["__version__"])
+        self.assertIn("plot", dir(knothe))
+        self.assertEqual([name for name in dir(knothe) if not hasattr(knothe, name)], [])
+
+    def test_a_notebook_shows_numbers_in_tables_and_no_markup_of_others(self):
+        correlation = knothe.Correlation(speckle(0, 0), element_size=24)
+        self.assertIn("<td style=\"text-align:left\">", correlation._repr_html_())
+        found = knothe.infer(lambda p: p, {"<a>": knothe.Normal(0, 1)}, observed=[1.0], std=1.0)
+        self.assertIn("&lt;a&gt;", found._repr_html_())
+        self.assertNotIn("<a>", found._repr_html_())
+        # N(0, 1) and a datum 1 of std 1: mean 0.5, variance 0.5.
+        mean, std = re.search(r"(\d\.\d\d) ± (\d\.\d\d)", found._repr_html_()).groups()
+        self.assertLess(abs(float(mean) - 0.5), 0.1 * 0.71)
+        self.assertLess(abs(float(std) - 0.71), 0.05 * 0.71)
+        verdict = knothe.Verdict("reject", [knothe.Reason("fit", "reject", "sign < turned", 1.0, 0.5)], 0.0, np.zeros(0), np.zeros(0))
+        self.assertIn("Result: do not use", verdict._repr_html_())
+        self.assertIn("sign &lt; turned", verdict._repr_html_())
+        levels = np.array([0.025, 0.5, 0.975])
+        tip = knothe.Forecast(0.0281, 2.6e-4, 0.028, 0.0, 1.0, 0.3, 0.04, levels, np.array([0.0276, 0.0281, 0.0286]), "m", levels, levels)
+        self.assertEqual(repr(tip), "<Forecast at time 0.3: 28.10 ± 0.26 mm, P(above 40 mm): < 0.1 %>")
+        self.assertIn("27.60 … 28.60 mm", tip._repr_html_())
 
     def test_a_picture_with_a_hole_is_refused(self):
         pixels = speckle(0, 0)

@@ -3,6 +3,7 @@ import json
 import math
 import re
 import socket
+import statistics
 import struct
 import threading
 import time
@@ -166,6 +167,25 @@ class Test(ServiceCase):
         service.settled(12)
         self.assertEqual([comparable(line) for line in service.states()], expected)
 
+    def check_signal(self, service):
+        """What the load cell measured up to a step, beside the formula under draws of that step's posterior."""
+        signal = service.get("/v1/signal?sensor=reaction_force&step=3")[1]
+        self.assertEqual((signal["name"], signal["units"], signal["step"], signal["time"]), ("reaction_force", "N", 3, self.data[3]["time"]))
+        self.assertEqual(signal["measured"]["time"], [datum["time"] for datum in self.data[:4]])
+        for value, datum in zip(signal["measured"]["value"], self.data):
+            self.assertAlmostEqual(value, datum["values"][24], delta=1e-9 * abs(value))
+        self.assertEqual(signal["times"], [datum["time"] for datum in self.data])
+        self.assertEqual(signal["loading"]["name"], "imposed_displacement")
+        draws = service.get("/v1/samples?step=3")[1]["samples"]
+        for i, time in enumerate(signal["times"]):
+            forces = [analytic_model.reaction_force(time, *p) for p in draws]
+            mean, low, high = (signal["predicted"][key][i] for key in ("mean", "low", "high"))
+            spread = math.hypot(statistics.pstdev(forces), 5)  # the load cell's noise is 5 N
+            self.assertAlmostEqual(mean, statistics.fmean(forces), delta=0.2 * spread)
+            self.assertAlmostEqual((high - low) / (2 * 1.96 * spread), 1, delta=0.2)
+        self.expect_error(service.get("/v1/signal?sensor=nothing&step=3"), 400, "UnknownSensor")
+        self.expect_error(service.get("/v1/signal?sensor=99&step=3"), 400, "UnknownSensor")
+
     def test_forces_stand_behind_the_displacements(self):
         header, *rows = (self.folder / "data.csv").read_text().splitlines()
         columns = header.split(",")
@@ -191,6 +211,7 @@ class Test(ServiceCase):
         self.assertEqual(service.get("/v1/states?from=10")[1][0]["missing"], 1)
         self.assertEqual(service.get("/v1/mesh")[1]["scalars"], [{"name": "reaction_force", "std": 5.0}])
         self.assertEqual(len(service.get("/v1/field?name=residual&step=3")[1]["values"]), 24)
+        self.check_signal(service)
         seen = service.get("/v1/observations?step=3")[1]
         self.assertEqual((len(seen["status"]), seen["scalars"]["reaction_force"]["status"]), (24, "used"))
         mean = service.get("/v1/states?from=3")[1][0]["mean"]

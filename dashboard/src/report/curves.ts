@@ -3,24 +3,10 @@ import type { ChartSpec, Series } from "../chart";
 import type { Theme } from "../colour";
 import { axisLabel, given, scaleFor, significant } from "../format";
 import { timeline } from "../history";
+import { banded, signalSpec } from "../signal";
 import { timeLabel } from "../specs";
-import type { Assimilation, Curves, Measured, ReportLine } from "./record";
-
-/** A mean with its band. */
-function banded(
-  colour: string,
-  low: (number | null)[],
-  high: (number | null)[],
-  mean: (number | null)[],
-  words: [string, string],
-  format: (v: number) => string,
-): Series[] {
-  return [
-    { label: "low", values: low, colour, hidden: true, format },
-    { label: words[0], values: high, colour, bandTo: 0, opacity: 0.28, format },
-    { label: words[1], values: mean, colour, width: 2, format },
-  ];
-}
+import type { SignalAnswer } from "../types";
+import { modelOf, type Assimilation, type Curves, type Measured, type ReportLine } from "./record";
 
 /** A signal: measured dots on what the posterior predicts. */
 export function measuredSpec(record: Assimilation, m: Measured, theme: Theme): ChartSpec {
@@ -55,43 +41,19 @@ export function measuredSpec(record: Assimilation, m: Measured, theme: Theme): C
 export function loadSpec(record: Assimilation, theme: Theme): ChartSpec | undefined {
   const { load } = record;
   if (!load) return undefined;
-  // Plots need increasing numbers: a test that unloads is drawn over time.
-  const rises = load.displacement.every((u, i) => i === 0 || u > load.displacement[i - 1]!);
-  const size = (v: readonly number[]): number => v.reduce((a, b) => Math.max(a, Math.abs(b)), 0);
-  const [across, up] = [scaleFor("m", size(load.displacement)), scaleFor("N", size(load.mean))];
-  const format = (v: number): string => `${significant(v, 4)} ${up.units}`;
-  const scaled = (v: readonly number[]): number[] => v.map((x) => x * up.factor);
-  const last = record.lines[record.lines.length - 1]!.time;
-  const times = rises ? load.displacement.map((u) => u * across.factor) : load.time;
-  const end = load.time.length ? load.time.findIndex((t) => t >= last * (1 - 1e-9)) : -1;
-  const isForecast = end >= 0 && end < times.length - 1;
-  const part = (from: number, to: number): (number | null)[] =>
-    scaled(load.mean).map((v, i) => (i >= from && i <= to ? v : null));
-  const cut = isForecast ? end : times.length - 1;
-  const band =
-    load.low && load.high
-      ? banded(
-          theme.blue,
-          scaled(load.low),
-          scaled(load.high),
-          part(0, cut),
-          ["95 % of the probability", "posterior mean"],
-          format,
-        )
-      : [{ label: "posterior mean", values: part(0, cut), colour: theme.blue, format }];
-  const forecast: Series[] = isForecast
-    ? [{ label: "forecast", values: part(cut, times.length), colour: theme.orange, dash: [7, 4], format }]
-    : [];
-  return {
-    name: "load",
-    times,
-    series: [...band, ...forecast],
-    xLabel: rises ? axisLabel("imposed displacement", across.units) : timeLabel,
-    yLabel: axisLabel("force", up.units),
-    vertical: isForecast ? [{ at: times[end]!, label: "last datum", colour: theme.faint, dash: [2, 3] }] : [],
-    height: 250,
-    sync: "",
+  const force = record.measured?.find((m) => m.label === "reaction_force");
+  const known = force?.measured.flatMap((v, i) => (v === null ? [] : [[force.time[i]!, v] as const]));
+  const signal: SignalAnswer = {
+    name: "reaction_force",
+    units: "N",
+    step: record.lines[record.lines.length - 1]!.step,
+    time: record.lines[record.lines.length - 1]!.time,
+    times: load.time,
+    predicted: load,
+    ...(known ? { measured: { time: known.map(([t]) => t), value: known.map(([, v]) => v) } } : {}),
+    loading: { name: "imposed_displacement", units: "m", values: load.displacement },
   };
+  return { ...signalSpec(signal, modelOf(record).quantities, timeLabel, theme), name: "load" };
 }
 
 /** Residuals in standard deviations of their predictions: 95 % lie within ±2 where only noise is left. */

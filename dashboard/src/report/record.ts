@@ -1,4 +1,6 @@
 /** What a report holds as JSON: the record that the program left, and what its pictures need of the model. All numbers are SI. */
+import { prettyUnits } from "../format";
+import { loadingAt } from "../signal";
 import type { Model, ParameterDescription, QuantityDescription, StepLine } from "../types";
 
 /** A density of one number on increasing points. */
@@ -33,7 +35,10 @@ export interface Summary {
   parameters?: ParameterSummary[];
   prior_marginals?: Record<string, Density>;
   draws?: Record<string, number[]>;
-  forecasts?: Record<string, { quantity?: string; horizon?: number; threshold?: number; unit?: string }>;
+  forecasts?: Record<
+    string,
+    { quantity?: string; output?: string; horizon?: number; threshold?: number; unit?: string }
+  >;
   residuals?: { step?: number[]; step_rms?: number[]; noise_rms?: number[] };
 }
 
@@ -189,15 +194,6 @@ export function pretty(name: string): string {
   return name === "Y0" ? "Y₀" : name === "Ad" ? "A_d" : name;
 }
 
-/** "N/m3" → "N/m³"; "1" → "". */
-export function prettyUnits(units: string | undefined): string {
-  const text = (units ?? "").replace(
-    /([A-Za-z])([23])/g,
-    (_, unit: string, power: string) => unit + (power === "2" ? "²" : "³"),
-  );
-  return text === "1" ? "" : text;
-}
-
 /** The axis of a parameter: what 1 means, or its unit. */
 export function parameterMeaning(p: ParameterSummary): string {
   const units = prettyUnits(p.units);
@@ -240,9 +236,20 @@ export function modelOf(record: Assimilation): Model {
       ...(prior ? { levels, values: quantilesOf(prior, levels) } : {}),
     };
   });
+  const { load } = record;
+  const loaded = load && {
+    times: load.time,
+    loading: { name: "imposed_displacement", units: "m", values: load.displacement },
+  };
+  const loading = (time: number | undefined): Pick<QuantityDescription, "loading"> => {
+    const found = loaded && time !== undefined ? loadingAt(loaded, time) : undefined;
+    return found ? { loading: found } : {};
+  };
   const quantities = Object.entries(summary.forecasts ?? {}).map(([name, f]): QuantityDescription => ({
     name,
+    ...loading(f.horizon),
     ...(f.quantity === undefined ? {} : { quantity: f.quantity }),
+    ...(f.output === undefined ? {} : { output: f.output }),
     ...(f.unit === undefined ? {} : { units: prettyUnits(f.unit) }),
     ...(f.horizon === undefined ? {} : { horizon: f.horizon }),
     ...(f.threshold === undefined ? {} : { threshold: f.threshold }),

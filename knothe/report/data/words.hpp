@@ -15,7 +15,7 @@ struct UnitScale {
 
 /// How a forecast is shown: its name for people, unit, and the factor from the file's numbers to that unit.
 struct ForecastScale {
-  std::string title;  ///< "Crack length at time 0.3"
+  std::string title;  ///< "Crack length at 0.12 mm", or "at time 0.3"
   bool crack = false;
   std::string unit;
   double factor = 1.0;

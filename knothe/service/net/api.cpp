@@ -61,6 +61,7 @@ const std::vector<Route>& routes() {
                                               {"GET", "/v1/picture"},
                                               {"GET", "/v1/observations"},
                                               {"GET", "/v1/samples"},
+                                              {"GET", "/v1/signal"},
                                               {"GET", "/v1/alarms"},
                                               {"POST", k_acknowledge_route},
                                               {"GET", "/v1/logbook"},
@@ -328,7 +329,8 @@ void Api::route(const HttpRequest& request, const Answer& answer) {
   if (path == "/v1/tests")  // opens the journal of each
     return later(*slow_worker_, answer, [this, request, answer] { answer(read(request)); });
   if (path == "/v1/quarantine" || path == "/v1/mesh" || path == "/v1/field" || path == "/v1/picture" ||
-      path == "/v1/samples" || path == "/v1/states" || path == "/v1/description" || path == "/v1/logbook")
+      path == "/v1/samples" || path == "/v1/signal" || path == "/v1/states" || path == "/v1/description" ||
+      path == "/v1/logbook")
     return later(*worker_, answer, [this, request, answer] { answer(read(request)); });
   answer(read(request));
 }
@@ -380,6 +382,7 @@ HttpResponse Api::read(const HttpRequest& request) {
   if (path == "/v1/picture") return {200, "image/png", picture(*site, step)};
   if (path == "/v1/observations") return json_response(observations(*site, step));
   if (path == "/v1/samples") return json_response(samples(*site, step));
+  if (path == "/v1/signal") return json_response(signal(*site, request.parameter("sensor"), step));
   if (path == "/v1/quarantine") return json_response(site->journal().quarantine());
   if (path == "/v1/tests") return json_response({{"tests", tests_of(*served(request.parameter("site")))}});
   if (path == "/v1/logbook") {

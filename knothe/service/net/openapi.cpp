@@ -150,6 +150,8 @@ std::string openapi_document() {
                           {{"type", "string"}, {"format", "binary"}}, {step}, "image/png")},
       {"/v1/observations", get("sensors of a step", any, {step})},
       {"/v1/samples", get("draws of the posterior", any, {step})},
+      {"/v1/signal", get("what a sensor measured, and the posterior's prediction", any,
+                         {parameter("sensor", "string", "index, or name of a series"), step})},
       {"/v1/alarms", get("the last alarms", any)},
       {"/v1/logbook", get("acknowledgements, sensors switched off, notes",
                           object_of({{"logbook", {{"type", "array"}, {"items", entry}}}}, {"logbook"}))},

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <charconv>
 #include <filesystem>
+#include <functional>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/version.hpp"
@@ -23,19 +24,29 @@ Json triples(const std::vector<double>& flat) {
   return rows;
 }
 
-std::string units_of(const Site& site, const assimilation::ForecastSpecification& specification) {
-  if (specification.quantity != assimilation::ForecastSpecification::Quantity::output) return "m";
-  for (const auto& output : site.setup().model.contents().outputs)
-    if (output.name == specification.output) return output.labels.units;
-  return "";
+/// The physical value of a parameter's 1, and its units where they are known.
+Json reference_of(std::span<const model::Axis> axes, const std::string& name) {
+  for (const model::Axis& axis : axes) {
+    if (axis.name != name) continue;
+    Json reference = {{"value", axis.reference}};
+    if (const std::string units = model::reference_units(axis); !units.empty()) reference["units"] = units;
+    return reference;
+  }
+  return nullptr;
 }
 
-/// What the project file says of a parameter's physical value; none where it has no offline phase.
-const project::OfflineParameter* offline_parameter(const project::Project& project, const std::string& name) {
-  if (!project.offline) return nullptr;
-  for (const project::OfflineParameter& parameter : project.offline->parameters)
-    if (parameter.name == name) return &parameter;
-  return nullptr;
+/// {value, units} of what is imposed at a model time; null where it does not rise.
+Json loading_at(double time, const std::vector<double>& times, const Json& imposed) {
+  if (imposed.is_null()) return nullptr;
+  const auto values = imposed["values"].get<std::vector<double>>();
+  if (std::adjacent_find(values.begin(), values.end(), std::greater_equal<>()) != values.end())
+    return nullptr;
+  const std::size_t after = std::lower_bound(times.begin(), times.end(), time) - times.begin();
+  if (after == times.size() || (after == 0 && time < times[0])) return nullptr;
+  double value = values[after];
+  if (after > 0)
+    value -= (values[after] - values[after - 1]) * (times[after] - time) / (times[after] - times[after - 1]);
+  return {{"value", value}, {"units", imposed["units"]}};
 }
 
 /// "VTK_HEXAHEDRON" → "hexahedron".
@@ -107,13 +118,13 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
     if (std::isfinite(priors[k].lower())) parameter["lower"] = priors[k].lower();
     if (std::isfinite(priors[k].upper())) parameter["upper"] = priors[k].upper();
     parameter["units"] = "1";
-    if (const auto* offline = offline_parameter(project, project.parameters[k].name)) {
-      parameter["reference"] = {{"value", offline->reference}};
-      if (!offline->units.empty()) parameter["reference"]["units"] = offline->units;
-    }
+    if (const Json reference = reference_of(contents.axes, project.parameters[k].name); !reference.is_null())
+      parameter["reference"] = reference;
     parameter["quantiles"] = {{"levels", numerics::k_quantile_levels}, {"values", values}};
     parameters.push_back(parameter);
   }
+  const Eigen::VectorXd& centre = site.centre();
+  const Json imposed = loading(project, site.setup().model, {centre.begin(), centre.end()});
   Json forecasts = Json::array();
   for (const auto& specification : project.forecasts) {
     Json entry = {{"name", specification.name},
@@ -122,7 +133,10 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
     const bool crack = specification.quantity == assimilation::ForecastSpecification::Quantity::crack_length;
     if (specification.threshold || crack)
       entry["threshold"] = specification.threshold.value_or(specification.prior_mean);
-    entry["units"] = units_of(site, specification);
+    entry["units"] = forecast_units(contents, specification);
+    if (!specification.output.empty()) entry["output"] = specification.output;
+    if (const Json at = loading_at(specification.horizon, contents.time, imposed); !at.is_null())
+      entry["loading"] = at;
     forecasts.push_back(entry);
   }
   const bool on_nodes = contents.mesh && !contents.dofs.empty();
@@ -169,7 +183,7 @@ Json mesh(const Site& site) {
                                                      model_mesh->cells.begin() + (c + 1) * k));
   Json sensors = Json::array();
   const model::Sensors& places = site.setup().measurements.sensors;
-  const Eigen::VectorXd std = site.setup().measurements.noise.measurement().standard_deviations();
+  const Eigen::VectorXd& std = site.noise_std();
   for (std::size_t i = 0; i < places.displacement_count(); ++i)
     sensors.push_back({{"x", places.point(i)[0]},
                        {"y", places.point(i)[1]},

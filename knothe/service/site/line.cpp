@@ -10,6 +10,7 @@ namespace knothe::service {
 namespace {
 
 constexpr Eigen::Index k_samples = 400;
+constexpr double k_informed = 0.2;  // of the prior's std: more than the error of so many draws
 
 /// Draws in the middle of equal shares of the weight: the same every time.
 Eigen::MatrixXd systematic_draws(const posterior::Posterior& posterior) {
@@ -65,6 +66,26 @@ std::shared_ptr<Line> make_line(const assimilation::StepResult& step,
     line->above_threshold[named.name] = named.forecast.probability_above_threshold;
   line->model = std::move(model);
   return line;
+}
+
+std::string forecast_units(const model::ModelContents& model,
+                           const assimilation::ForecastSpecification& specification) {
+  if (specification.quantity != assimilation::ForecastSpecification::Quantity::output) return "m";
+  for (const auto& output : model.outputs)
+    if (output.name == specification.output) return output.labels.units;
+  return "";
+}
+
+bool is_informed(const Line& line, const std::vector<posterior::Prior>& priors) {
+  if (line.samples.rows() < 2) return true;
+  for (std::size_t k = 0; k < priors.size(); ++k) {
+    // Under the prior these are standard normal.
+    const Eigen::ArrayXd z =
+        line.samples.col(k).unaryExpr([&](double p) { return priors[k].to_standard_normal(p); });
+    const double mean = z.mean(), std = std::sqrt((z - mean).square().mean());
+    if (std::abs(mean) > k_informed || std::abs(std - 1) > k_informed) return true;
+  }
+  return false;
 }
 
 Json misfit_record(const assimilation::Misfit& misfit) {

@@ -304,7 +304,7 @@ void Site::retract(std::size_t step) {
   if (!before || before->step != step) return;
   // What its line began to say holds no more; what the line before it says holds again.
   const auto latest = lines_.latest();
-  alarms_.update_conditions(latest ? *latest : Line());
+  alarms_.update_conditions(latest ? *latest : Line(), latest && is_informed(*latest, priors_));
 }
 
 /// In the order of the steps, because the monitor judges each by those before it. Where many wait the newest
@@ -349,7 +349,8 @@ void Site::publish_step(std::size_t step, bool preview) {
 
 void Site::publish(std::shared_ptr<Line> line, bool judged) {
   const auto latest = lines_.latest();
-  if (judged && (!latest || latest->step <= line->step)) alarms_.update_conditions(*line);
+  if (judged && (!latest || latest->step <= line->step))
+    alarms_.update_conditions(*line, is_informed(*line, priors_));
   const std::lock_guard lock(mutex_);
   lines_.publish(std::move(line));
 }
@@ -476,19 +477,6 @@ double Site::time_of(std::optional<std::int64_t> step) const {
   return times[*step];
 }
 
-std::int64_t Site::sensor_of(const EntryRequest& request) const {
-  const model::Sensors& sensors = setup_.measurements.sensors;
-  const std::int64_t count = sensors.displacement_count() + sensors.scalars.size();
-  if (request.sensor_index && *request.sensor_index < count) return *request.sensor_index;
-  for (std::size_t i = 0; !request.sensor_name.empty() && i < sensors.scalars.size(); ++i)
-    if (sensors.scalars[i] == request.sensor_name) return sensors.displacement_count() + i;
-  std::string names;
-  for (const std::string& name : sensors.scalars) names += fmt::format(", \"{}\"", name);
-  throw RequestError(
-      400, "UnknownSensor",
-      fmt::format("\"sensor\" must name one of this site's sensors: 0 to {}{}", count - 1, names));
-}
-
 void Site::require_test(const std::optional<std::string>& asked) const {
   if (!asked || *asked == test()) return;
   throw RequestError(
@@ -510,7 +498,7 @@ LogbookEntry Site::entry(EntryKind kind, const EntryRequest& request, std::int64
       if (!request.active)
         throw RequestError(400, "Malformed", "\"active\" is missing: false switches the sensor off, true on");
       entry.kind = *request.active ? EntryKind::sensor_on : EntryKind::sensor_off;
-      entry.subject = sensor_of(request);
+      entry.subject = sensor_of(request, setup_.measurements.sensors);
       entry.time = time_of(request.step);
       break;
     case EntryKind::acknowledgement: {

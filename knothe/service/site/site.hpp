@@ -81,7 +81,6 @@ class Site : public SiteFacts {
   void withdraw(const Measurement& measurement);
   bool remove(const Measurement& measurement);
   [[nodiscard]] double time_of(std::optional<std::int64_t> step) const;
-  [[nodiscard]] std::int64_t sensor_of(const EntryRequest& request) const;
   void retract(std::size_t step);
   void publish_step(std::size_t step, bool preview);
   void conclude_next();

@@ -9,6 +9,8 @@
 #include <nlohmann/json.hpp>
 #include <string_view>
 
+#include "knothe/record/forecast_text.hpp"
+
 namespace knothe::service {
 
 Json json_of(const Alarm& alarm) {
@@ -62,21 +64,24 @@ void SiteAlarms::update_condition(const std::string& condition, std::size_t step
   add({0, static_cast<std::int64_t>(step), severity, kind, message, condition, 0, std::nullopt});
 }
 
-void SiteAlarms::update_conditions(const Line& line) {
+void SiteAlarms::update_conditions(const Line& line, bool informed) {
   const auto update = [&](const std::string& condition, const std::string& severity, const std::string& kind,
                           const std::string& message) {
     update_condition(condition, line.step, severity, kind, message);
   };
   for (const assimilation::ForecastSpecification& specification : forecasts_) {
     const auto it = line.above_threshold.find(specification.name);
-    if (it == line.above_threshold.end() || !specification.threshold) continue;
+    if (it == line.above_threshold.end() || !specification.threshold || !informed) continue;
     const double p = it->second;
+    const std::string units =
+        line.model ? forecast_units(line.model->setup.model.contents(), specification) : "";
     update("threshold " + specification.name,
            p >= 0.5    ? "alarm"
            : p >= 0.05 ? "warning"
                        : "",
            "threshold",
-           fmt::format("P({} > {:g}) is {:.3g}", specification.name, *specification.threshold, p));
+           fmt::format("P({} > {}) is {}", specification.name,
+                       record::given_text(*specification.threshold, units), record::probability_text(p)));
   }
   update("bias", line.is_biased() ? "alarm" : "", "bias", line.misfit_message);
   update("monitor", line.monitor_alarm ? "alarm" : "", "bias",

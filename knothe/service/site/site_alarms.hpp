@@ -33,8 +33,9 @@ class SiteAlarms {
   /// Raises what begins to hold, or holds with another severity; with an empty one it holds no more.
   void update_condition(const std::string& condition, std::size_t step, const std::string& severity,
                         const std::string& kind, const std::string& message);
-  /// All conditions of a line.
-  void update_conditions(const Line& line);
+  /// All conditions of a line. A threshold is no alarm while the line is not `informed`: its forecast is then
+  /// the prior's.
+  void update_conditions(const Line& line, bool informed = true);
   /// Marks an alarm as seen to; one that is no longer kept is left alone.
   void acknowledge(std::int64_t id, Acknowledgement acknowledgement);
   [[nodiscard]] std::optional<Alarm> find(std::int64_t id) const;

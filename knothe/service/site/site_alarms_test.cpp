@@ -4,6 +4,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include "knothe/numerics/statistics/normal_distribution.hpp"
+
 namespace knothe::service {
 namespace {
 
@@ -31,11 +33,49 @@ TEST(SiteAlarms, AConditionIsToldWhenItBeginsAndIdsAreSharedWithLines) {
   alarms.update_conditions(line);
   const auto told = alarms.after(0);
   ASSERT_EQ(told.size(), 2U);
-  EXPECT_EQ(without_time(told[0]),
-            R"({"id":7,"step":3,"severity":"warning","kind":"threshold","message":"P(opening > 1) is 0.1"})");
+  EXPECT_EQ(
+      without_time(told[0]),
+      R"({"id":7,"step":3,"severity":"warning","kind":"threshold","message":"P(opening > 1) is 10 %"})");
   EXPECT_EQ(told[1].id, 9);
   EXPECT_EQ(told[1].severity, "alarm");
   EXPECT_EQ(alarms.after(7).size(), 1U);
+}
+
+TEST(SiteAlarms, WhatThePriorAloneSaysOfAThresholdIsNoAlarm) {
+  std::atomic<std::int64_t> next_event{1};
+  std::vector<assimilation::ForecastSpecification> forecasts(1);
+  forecasts[0].name = "opening", forecasts[0].threshold = 1;
+  SiteAlarms alarms(forecasts, next_event, [](const Alarm&) {});
+  Line line;
+  line.above_threshold["opening"] = 0.9;
+  alarms.update_conditions(line, false);
+  EXPECT_TRUE(alarms.after(0).empty());
+  alarms.update_conditions(line, true);
+  EXPECT_EQ(alarms.after(0).size(), 1U);
+  alarms.update_conditions(line, false);  // a posterior that comes near to the prior again
+  alarms.update_conditions(line, true);
+  EXPECT_EQ(alarms.after(0).size(), 1U);
+}
+
+TEST(SiteAlarms, ALineIsInformedOnceItsDrawsAreNotThoseOfThePriors) {
+  const std::vector<posterior::Prior> priors = {posterior::Prior::uniform(2, 4),
+                                                posterior::Prior::normal(0.9, 0.4).truncated(0.5, 1.5, "b")};
+  const auto drawn = [&](double from, double to, Eigen::Index column) {
+    Line line;
+    line.samples.resize(100, 2);
+    for (Eigen::Index i = 0; i < 100; ++i)
+      for (Eigen::Index k = 0; k < 2; ++k) {
+        const double share = (i + 0.5) / 100, part = k == column ? from + (to - from) * share : share;
+        line.samples(i, k) = priors[k].from_standard_normal(numerics::normal_quantile(part)).value;
+      }
+    return line;
+  };
+  EXPECT_FALSE(is_informed(drawn(0, 1, 0), priors));
+  for (const Eigen::Index column : {0, 1}) {
+    EXPECT_FALSE(is_informed(drawn(0, 0.95, column), priors));
+    EXPECT_TRUE(is_informed(drawn(0.25, 0.75, column), priors));  // narrower
+    EXPECT_TRUE(is_informed(drawn(0.3, 1, column), priors));      // elsewhere
+  }
 }
 
 TEST(SiteAlarms, ALoosePlugDoesNotPushOutWhatTheStructureHadToSay) {

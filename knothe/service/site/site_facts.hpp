@@ -18,12 +18,15 @@ class SiteFacts {
   [[nodiscard]] const project::Project& project() const { return project_; }
   /// By the project's own model: sensors, times and priors are those of every refined one.
   [[nodiscard]] const project::UpdateSetup& setup() const { return setup_; }
+  /// Standard deviation of each sensor's noise: of correlated noise it is costly.
+  [[nodiscard]] const Eigen::VectorXd& noise_std() const { return noise_std_; }
   [[nodiscard]] const Identity& identity() const { return identity_; }
 
  protected:
   std::string test_;
   project::Project project_;
   project::UpdateSetup setup_;
+  Eigen::VectorXd noise_std_;
   Identity identity_;
 };
 

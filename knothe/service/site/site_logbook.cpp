@@ -1,5 +1,7 @@
 #include "knothe/service/site/site_logbook.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 
 #include "knothe/service/journal/verification.hpp"
@@ -21,6 +23,18 @@ Json json_of(const LogbookEntry& entry) {
     body["model"] = v->model;
   }
   return body;
+}
+
+std::int64_t sensor_of(const EntryRequest& request, const model::Sensors& sensors) {
+  const auto count = std::ssize(sensors.components) + std::ssize(sensors.scalars);
+  if (request.sensor_index && *request.sensor_index < count) return *request.sensor_index;
+  for (std::size_t i = 0; !request.sensor_name.empty() && i < sensors.scalars.size(); ++i)
+    if (sensors.scalars[i] == request.sensor_name) return sensors.displacement_count() + i;
+  std::string names;
+  for (const std::string& name : sensors.scalars) names += fmt::format(", \"{}\"", name);
+  throw RequestError(
+      400, "UnknownSensor",
+      fmt::format("\"sensor\" must name one of this site's sensors: 0 to {}{}", count - 1, names));
 }
 
 SiteLogbook::SiteLogbook(std::span<const double> model_times, const std::vector<LogbookEntry>& entries)

@@ -3,6 +3,7 @@
 #include <mutex>
 #include <nlohmann/json.hpp>
 
+#include "knothe/model/observe/sensors.hpp"
 #include "knothe/service/journal/logbook.hpp"
 #include "knothe/service/site/log.hpp"
 
@@ -10,6 +11,10 @@ namespace knothe::service {
 
 /// As readers are told it.
 [[nodiscard]] Json json_of(const LogbookEntry& entry);
+
+/// Index of the sensor that a request names. RequestError 400 UnknownSensor, which lists those that there
+/// are.
+[[nodiscard]] std::int64_t sensor_of(const EntryRequest& request, const model::Sensors& sensors);
 
 /// Thread-safe; its mutex is taken last.
 class SiteLogbook {
