@@ -178,8 +178,53 @@ def of_bounds():
                   [0.4], [0.2])
 
 
+def rotated(d, condition):
+    """A covariance in no special direction."""
+    axes = np.linalg.qr(np.random.default_rng(d).standard_normal((d, d)))[0]
+    return axes * np.geomspace(1 / math.sqrt(condition), math.sqrt(condition), d) @ axes.T
+
+
+def positive(log):
+    return inside(lambda p: (p >= 0).all(1), log)
+
+
+def shapes():
+    """Name, logarithm, means and deviations of some in more dimensions."""
+    for d in (10, 20):
+        yield f"Gaussian rotated, {d}", gaussian([0] * d, rotated(d, 100)), [0] * d, np.sqrt(np.diag(rotated(d, 100)))
+        yield f"Gaussian, {d}, correlation 0.9", gaussian([1] * d, 0.1 * np.eye(d) + 0.9), [1] * d, [1] * d
+    for d in (2, 3, 5):
+        yield f"Student-t 3, {d}", student(3), [0] * d, [math.sqrt(3)] * d
+    for d in (2, 3, 5, 10):
+        yield f"exponential, {d}", positive(lambda p: -p.sum(1)), [1] * d, [1] * d
+    for d in (2, 6, 10):
+        yield (f"half normal, {d}", positive(lambda p: -0.5 * (p ** 2).sum(1)), [math.sqrt(2 / math.pi)] * d,
+               [math.sqrt(1 - 2 / math.pi)] * d)
+    for d in (2, 5, 20):
+        yield f"Laplace, {d}", lambda p: -np.abs(p).sum(1), [0] * d, [math.sqrt(2)] * d
+    for d in (1, 2, 5):
+        yield f"0.9 wide, 0.1 narrow, {d}", *mixture([0.9, 0.1], [[0] * d, [1.5 / math.sqrt(d)] * d], [1, 0.1])
+        yield f"0.9 narrow, 0.1 wide, {d}", *mixture([0.9, 0.1], [[0] * d, [3 / math.sqrt(d)] * d], [0.1, 1])
+
+
+def of_regions():
+    """Each shape over a region that fits it; one of each kind over those that do not."""
+    plateau = lambda p: -((p ** 2).sum(1)) ** 4  # noqa: E731
+    others = [("plateau", plateau, *by_planes(plateau, -2, 2)), ("funnel 1, 3", funnel(1.0), [0] * 3, [1.0] + [math.exp(0.25)] * 2),
+              ("banana, 5", twisted(0.5, 0.3), [0, 0.5, 0, 0, 0], [1, math.sqrt(0.5 + 0.09), 1, 1, 1]),
+              ("shell, 3", ring(2, 0.3), [0] * 3, [ring_std(2, 0.3, 3)] * 3)]
+    regions = {"10 times too wide": (10, 0), "10 times too narrow": (0.1, 0), "beside": (1, 4)}
+    hard = ("Gaussian, 10, correlation 0.9", "exponential, 3", "half normal, 6", "Laplace, 5", "0.9 wide, 0.1 narrow, 2")
+    for name, log, mean, std in shapes():
+        yield Density(name, log, [("normal", m, 2 * s) for m, s in zip(mean, std)], mean, std)
+        others += [(name, log, mean, std)] * (name in hard)
+    for name, log, mean, std in others:
+        for region, (width, beside) in regions.items():
+            yield Density(f"{name}, region {region}", log, [("normal", m + beside * s, width * s) for m, s in zip(mean, std)], mean, std)
+
+
 def families():
-    for family in (of_gaussians, of_bends, of_mixtures, of_tails, of_bounds):
+    for family in (of_gaussians, of_bends, of_mixtures, of_tails, of_bounds, of_regions):
         yield from family()
 
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "knothe/assimilation/inference/comparison.hpp"
 #include "knothe/assimilation/inference/model_evaluator.hpp"
 #include "knothe/base/cancellation.hpp"
 #include "knothe/base/text.hpp"
@@ -409,7 +410,7 @@ assimilation::InferenceResult infer(CallableModel& model, InferenceValues& value
 py::dict infer_callable(py::function function, std::optional<py::function> jacobian,
                         const std::vector<PriorValues>& priors, const Doubles& observed, const Doubles& std,
                         const Doubles& covariance, const std::string& method, double tolerance, int max_order,
-                        Eigen::Index samples, std::int64_t evaluations, std::uint64_t seed,
+                        Eigen::Index samples, std::int64_t evaluations, double seconds, std::uint64_t seed,
                         const ProgressFunction& progress) {
   InferenceValues values{{}, vector_of(observed), vector_of(std), vector_of(covariance), {}};
   std::vector<std::string> names;
@@ -422,6 +423,7 @@ py::dict infer_callable(py::function function, std::optional<py::function> jacob
   values.options.map.seed = values.options.seed = seed;
   values.options.samples = samples;
   values.options.evaluations = evaluations;
+  values.options.seconds = seconds;
   values.options.names = names;
   CallableModel model(std::move(function), std::move(jacobian), std::ssize(names), values.observed.size());
   const assimilation::InferenceResult result = long_call([&] { return infer(model, values, progress); });
@@ -445,10 +447,40 @@ py::dict infer_project(const std::string& path, const std::string& method, const
   return found;
 }
 
+/// What a comparison looks at, of the line of an inference.
+assimilation::InferenceResult compared_of(const py::dict& line) {
+  assimilation::InferenceResult r;
+  r.mean = library::vector_of(line["mean"].cast<std::vector<double>>());
+  const auto rows = [](const py::handle& lists) {
+    std::vector<double> values;
+    for (const py::handle& row : lists)
+      for (const double value : row.cast<std::vector<double>>()) values.push_back(value);
+    return values;
+  };
+  r.covariance = library::rows_of(rows(line["covariance"]), r.mean.size(), "covariance");
+  const auto quantiles = line["quantiles"].cast<py::dict>();
+  r.quantiles = library::rows_of(rows(quantiles["values"]), py::len(quantiles["levels"]), "quantiles");
+  r.log_evidence = line["log_evidence"].cast<double>();
+  r.log_evidence_error = line["log_evidence_error"].cast<double>();
+  r.mean_error = line["mean_error"].cast<double>();
+  r.deviation_error = line["deviation_error"].cast<double>();
+  return r;
+}
+
+/// The line of `knothe infer --compare`, and its sentence.
+std::pair<std::string, std::string> compare_inferences(const py::dict& first, const py::dict& second) {
+  const assimilation::Comparison c = assimilation::compare(compared_of(first), compared_of(second));
+  return {files::json_line(record::comparison_record(c, first["method"].cast<std::string>(),
+                                                     second["method"].cast<std::string>())),
+          c.in_words()};
+}
+
 void bind_inference(py::module_& module) {
+  module.def("compare_inferences", &compare_inferences, arg("first"), arg("second"));
   module.def("infer_callable", &infer_callable, arg("function"), arg("jacobian"), arg("priors"),
              arg("observed"), arg("std"), arg("covariance"), arg("method"), arg("tolerance"),
-             arg("max_order"), arg("samples"), arg("evaluations"), arg("seed"), arg("progress"));
+             arg("max_order"), arg("samples"), arg("evaluations"), arg("seconds"), arg("seed"),
+             arg("progress"));
   module.def("infer_project", &infer_project, arg("path"), arg("method"), arg("results"));
 }
 

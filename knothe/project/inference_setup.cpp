@@ -161,6 +161,7 @@ assimilation::InferenceOptions inference_options(const Project& project, posteri
   options.map.search_modes = project.method.mode_search;
   options.samples = project.method.samples;
   options.evaluations = project.method.evaluations;
+  options.seconds = project.method.seconds;
   options.seed = project.method.seed;
   for (const NamedPrior& parameter : project.parameters) options.names.push_back(parameter.name);
   return options;

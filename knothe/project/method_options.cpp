@@ -98,6 +98,11 @@ void add_map_options(Section<M>& s) {
         "separated "
         "model.",
         at_least(0));
+  s.add(
+      "seconds", &M::seconds,
+      "Time limit of `knothe infer`, s, kept like `evaluations`: what was asked by then is the answer. 0: no "
+      "limit.",
+      non_negative);
   s.add("verification_points", &M::verification_points,
         "`knothe infer`: points on which a map is verified and corrected, at least 64; each is an evaluation "
         "of the model.",

@@ -36,6 +36,7 @@ struct MethodOptions {
   int samples = 10000;
   int verification_points = 1024;  ///< of `knothe infer`
   int evaluations = 0;             ///< of `knothe infer`; 0: as there
+  double seconds = 0;              ///< of `knothe infer`; 0: no limit
   std::uint64_t seed = 1;
 };
 

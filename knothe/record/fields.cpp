@@ -194,6 +194,8 @@ std::span<const Field<InferenceResult>> inference_fields() {
       C::quantiles,
       {"skewness", &R::skewness, "of each parameter"},
       {"kurtosis", &R::kurtosis, "of each parameter, 3 for a Gaussian"},
+      {"mean_error", &R::mean_error, "stated, the largest of a mean, in its std"},
+      {"deviation_error", &R::deviation_error, "stated, the largest of a std, as a share of it"},
       C::order,
       C::diagnostic,
       C::tolerance,

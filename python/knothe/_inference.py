@@ -13,7 +13,7 @@ from knothe import _knothe
 from knothe._errors import UsageError, warned
 from knothe._posterior import Posterior
 from knothe._records import InferenceRecord
-from knothe._values import Array, Prior, Seed, count_of, counted, noise_values, numbers, prior_values, require_progress, seed_of
+from knothe._values import Array, Prior, Seed, count_of, counted, noise_values, numbers, prior_values, require_progress, seconds_of, seed_of
 
 if TYPE_CHECKING:
     import xarray
@@ -91,6 +91,38 @@ class InferenceResult(Posterior):
         """
         return str(self.record["verdict"])
 
+    def compare(self, other: "InferenceResult") -> dict[str, Any]:
+        """Whether another answer to the same question agrees with this one, within what both state as their errors.
+
+        Parameters
+        ----------
+        other : InferenceResult
+            By another method, say.
+
+        Returns
+        -------
+        dict
+            What ``knothe infer --compare`` prints of the two, `other` minus this one: ``agreement`` is "agree" or "contradict",
+            ``words`` says it in a sentence.
+
+        Raises
+        ------
+        UsageError
+            The two have other parameters.
+
+        Examples
+        --------
+        >>> a, b = (knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0, method=method)
+        ...         for method in ("smc", "grid"))
+        >>> a.compare(b)["agreement"]
+        'agree'
+        """
+        if self.parameters != other.parameters:
+            raise UsageError(f"compare: parameters {', '.join(self.parameters)} and {', '.join(other.parameters)}: give two answers to "
+                             "the same question")
+        line, words = _knothe.compare_inferences(dict(self.record), dict(other.record))
+        return {**json.loads(line)["comparison"], "words": words}
+
     def to_xarray(self, draws: int = 1000) -> "dict[str, xarray.Dataset]":
         """One Dataset for each of ArviZ's groups; the draws of ``posterior`` are all of `chains`, where these are
         independent draws in four parts.
@@ -136,7 +168,7 @@ def _over_points(function: Callable[[Array], ArrayLike]) -> Callable[[Array], Ar
 def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parameters: Mapping[str, Prior] | None = None, *,
           observed: ArrayLike | None = None, std: ArrayLike | None = None, covariance: ArrayLike | None = None,
           jacobian: Callable[[Array], ArrayLike] | None = None, vectorized: bool = False, method: str | None = None,
-          tolerance: float = 1e-3, max_order: int = 8, samples: int = 10000, evaluations: int = 0, seed: Seed = 1,
+          tolerance: float = 1e-3, max_order: int = 8, samples: int = 10000, evaluations: int = 0, seconds: float = 0.0, seed: Seed = 1,
           results: "str | os.PathLike[str] | None" = None,
           progress: Callable[[int, int | None], object] | None = None) -> InferenceResult:
     """Bayesian inference for any model.
@@ -168,6 +200,8 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
     evaluations : int
         Budget: points at which `model` and, each counting once per parameter (of a density four times), `jacobian` are asked.
         0: 20,000, or twice `samples` if that is more; 100,000 for ``transport``; no limit for ``grid`` and ``mcmc``.
+    seconds : float
+        Time limit, kept like `evaluations`; 0: none.
     seed : int or numpy.random.Generator
         Of the random numbers.
     results : path, optional
@@ -187,6 +221,9 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
         Inconsistent arguments, or the model returns another number of outputs than `observed` has.
     DataError
         The model returns a value that is not finite.
+    NumericalError
+        The budget or the time was too small for any answer, or the density is zero wherever it was tried, or has no finite
+        integral.
     ProjectError
         The project file is missing or invalid.
 
@@ -225,4 +262,4 @@ def infer(model: "str | os.PathLike[str] | Callable[[Array], ArrayLike]", parame
     return warned(InferenceResult(_knothe.infer_callable(
         over_points(model), None if jacobian is None else over_points(jacobian), prior_values(parameters), values, deviations,
         matrix, method or "auto", tolerance, max_order, count_of(samples, "samples"),
-        count_of(evaluations, "evaluations as budget"), seed_of(seed), progress)))
+        count_of(evaluations, "evaluations as budget"), seconds_of(seconds), seed_of(seed), progress)))

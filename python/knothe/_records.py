@@ -45,6 +45,8 @@ class InferenceRecord(TypedDict, total=False):
     quantiles: dict[str, Any]
     skewness: list[float]
     kurtosis: list[float]
+    mean_error: float
+    deviation_error: float
     map_order: int
     variance_diagnostic: float
     tolerance_reached: bool

@@ -435,6 +435,13 @@ def count_of(count: int, what: str) -> int:
     return int(count)
 
 
+def seconds_of(value: float) -> float:
+    """A time limit; 0: none."""
+    if not 0 <= value < np.inf:
+        raise UsageError(f"{value!r} seconds: a time limit is a finite number, 0 for none")
+    return float(value)
+
+
 def step_of(step: int, count: int) -> int:
     """A step among `count`; negative ones count from the end."""
     if not hasattr(step, "__index__"):

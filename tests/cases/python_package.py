@@ -655,6 +655,29 @@ void slope(const double *p, size_t d, double *out) {
             np.testing.assert_allclose(found.std, [0.5, 2], rtol=0.01)
             self.assertAlmostEqual(found.log_evidence, 3.0, delta=0.01)
 
+    def test_answers_to_the_same_question_are_compared(self):
+        def answer(mean, **options):
+            return knothe.infer(lambda p: -0.5 * ((p[0] - mean) / 0.5) ** 2, {"a": knothe.Normal(0, 2)}, **options)
+
+        grid, drawn, other = answer(1, method="grid"), answer(1), answer(2, method="grid")
+        agreed, contradicted = drawn.compare(grid), grid.compare(other)
+        self.assertEqual(agreed["agreement"], "agree")
+        self.assertTrue(agreed["words"].startswith("The two agree: means differ by at most 0.0"), agreed["words"])
+        self.assertEqual(agreed["methods"], ["smc", "grid"])
+        self.assertEqual(contradicted["agreement"], "contradict")
+        self.assertTrue(contradicted["words"].startswith("The two contradict each other"), contradicted["words"])
+        self.assertAlmostEqual(contradicted["mean_difference"][0], 2, delta=0.01)
+        with self.assertRaisesRegex(knothe.UsageError, "compare: parameters a and b: give two answers to the same question"):
+            grid.compare(knothe.infer(lambda p: -0.5 * p[0] ** 2, {"b": knothe.Normal(0, 2)}, method="grid"))
+
+    def test_a_time_limit(self):
+        density, priors = lambda p: -0.5 * p[0] ** 2, {"a": knothe.Normal(0, 2)}
+        with self.assertRaisesRegex(knothe.NumericalError, "the time for calls of the model is over: raise seconds"):
+            knothe.infer(density, priors, seconds=1e-300)
+        for wrong in (-1, math.inf, math.nan):
+            with self.assertRaisesRegex(knothe.UsageError, "seconds: a time limit is a finite number, 0 for none"):
+                knothe.infer(density, priors, seconds=wrong)
+
     def test_minus_infinity_is_zero_density(self):
         """N(0, 1) cut off below −1, whose mean is φ(1)/Φ(1)."""
         def log_density(p):
@@ -697,7 +720,7 @@ void slope(const double *p, size_t d, double *out) {
     def test_mistakes_in_inference_are_explained(self):
         one = {"a": knothe.Normal(0, 1)}
         self.refused(knothe.UsageError, "std or covariance", call=lambda: knothe.infer(lambda p: p, one, observed=[1.0]))
-        self.refused(knothe.UsageError, "needed: 256 (1 each)",
+        self.refused(knothe.UsageError, "needed: 64 (1 each)",
                      call=lambda: knothe.infer(lambda p: [1.0, 2.0, 3.0], one, observed=[1.0], std=1.0))
         self.refused(knothe.UsageError, "2 standard deviations for 1 observation",
                      call=lambda: knothe.infer(lambda p: p, one, observed=[1.0], std=[1.0, 1.0]))

@@ -50,25 +50,33 @@ posterior::ToParameters in_parameters(const PosteriorDensity& posterior) {
   return [&](const Eigen::MatrixXd& z) { return posterior.parameters(z); };
 }
 
-/// As long as one lives, `spent` must not come above this.
+/// As long as one lives, `spent` must not come above this budget, and no call is made after this moment.
 class Limit {
  public:
-  Limit(ModelEvaluator& evaluator, std::int64_t budget) : evaluator_(evaluator), before_(evaluator.budget()) {
-    evaluator_.set_budget(std::min(before_, budget));
+  Limit(ModelEvaluator& evaluator, std::int64_t budget, double deadline)
+      : evaluator_(evaluator), budget_(evaluator.budget()), deadline_(evaluator.deadline) {
+    evaluator_.set_budget(std::min(budget_, budget));
+    evaluator_.deadline = std::min(deadline_, deadline);
   }
-  ~Limit() { evaluator_.set_budget(before_); }
+  ~Limit() {
+    evaluator_.set_budget(budget_);
+    evaluator_.deadline = deadline_;
+  }
   Limit(const Limit&) = delete;
   Limit& operator=(const Limit&) = delete;
 
  private:
   ModelEvaluator& evaluator_;
-  std::int64_t before_;
+  std::int64_t budget_;
+  double deadline_;
 };
 
-/// What is spent when `share` of what is left now is; no budget of none.
-std::int64_t up_to_share(const ModelEvaluator& evaluator, double share) {
-  if (evaluator.budget() == ModelEvaluator::k_no_budget) return ModelEvaluator::k_no_budget;
-  return evaluator.spent() + std::llround(share * (evaluator.budget() - evaluator.spent()));
+/// This share of the calls and of the time that are left now; no limit of none.
+Limit limit_to_share(ModelEvaluator& evaluator, double share) {
+  std::int64_t budget = evaluator.budget();
+  if (budget != ModelEvaluator::k_no_budget)
+    budget = evaluator.spent() + std::llround(share * (budget - evaluator.spent()));
+  return {evaluator, budget, evaluator.now() + share * (evaluator.deadline - evaluator.now())};
 }
 
 std::int64_t budget_of(const InferenceOptions& options, const InferenceResult& r,
@@ -345,7 +353,7 @@ void solve_somehow(PosteriorDensity& posterior, ModelEvaluator& evaluator, const
   try {
     // What is left is for the draws, should there be no answer.
     constexpr double k_share = 0.8;
-    const Limit limit(evaluator, up_to_share(evaluator, k_share));
+    const Limit limit = limit_to_share(evaluator, k_share);
     return solve(posterior, evaluator, options, modes, r);
   } catch (const NumericalError& error) {
     InferenceResult by_draws;
@@ -363,10 +371,10 @@ void solve_somehow(PosteriorDensity& posterior, ModelEvaluator& evaluator, const
 }
 
 /// Of a density given by its logarithm, which is looked at before it is solved: whether it has an integral,
-/// and where its modes are; for a quarter of the budget at most: where that does not tell, the draws will.
+/// and where its modes are; for a tenth of the budget at most: where that does not tell, the draws will.
 std::vector<posterior::Mode> modes_of_integrable(PosteriorDensity& posterior, ModelEvaluator& evaluator,
                                                  const InferenceOptions& options) {
-  const Limit limit(evaluator, up_to_share(evaluator, 0.25));
+  const Limit limit = limit_to_share(evaluator, 0.1);
   std::vector<posterior::Mode> modes;
   try {
     posterior::CheckedDensity target(posterior);
@@ -384,7 +392,8 @@ InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
                       const InferenceOptions& options) {
   InferenceResult r;
   r.method = one_shot(options.method, posterior.dimension(), evaluator.model().is_cheap());
-  const Limit limit(evaluator, budget_of(options, r, evaluator));
+  const Limit limit(evaluator, budget_of(options, r, evaluator),
+                    options.seconds > 0 ? evaluator.now() + options.seconds : ModelEvaluator::k_no_deadline);
   std::vector<posterior::Mode> modes;
   if (posterior.is_density()) modes = modes_of_integrable(posterior, evaluator, options);
   solve_somehow(posterior, evaluator, options, modes, r);
@@ -399,8 +408,11 @@ InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
   }
   try_extra("the look at the fit", r, [&] { examine_answer(posterior, options.names, r); });
   if (r.budget_spent)
-    r.verdict += fmt::format(" The budget of {} calls is spent: evaluations = {} goes on from here.",
-                             evaluator.budget(), 2 * evaluator.budget());
+    r.verdict += evaluator.is_out_of_time()
+                     ? fmt::format(" The time of {} s is over: seconds = {} goes on from here.",
+                                   options.seconds, 2 * options.seconds)
+                     : fmt::format(" The budget of {} calls is spent: evaluations = {} goes on from here.",
+                                   evaluator.budget(), 2 * evaluator.budget());
   if (r.draws.size() == 0) {
     const Phase phase("draws", evaluator, r);
     r.draws = draws_of(r, posterior.transform(), options.samples);

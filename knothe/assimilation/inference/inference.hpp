@@ -45,6 +45,7 @@ struct InferenceOptions {
   /// Calls that the model may be asked for, as `ModelEvaluator::spent` counts them. 0: 20,000, or twice
   /// `samples` if that is more; none for `mcmc`, and for a model that costs nothing.
   std::int64_t evaluations = 0;
+  double seconds = 0;  ///< of the evaluator's clock, from the start on; 0: no limit
   std::uint64_t seed = 1;
   std::vector<std::string> names;  ///< of the parameters, for messages
   /// Called with the share of the work done where a method knows it (mcmc, smc); false interrupts.
@@ -77,7 +78,7 @@ struct InferenceResult : posterior::Posterior {
   /// Stated, of all parameters: of a mean in standard deviations, of a standard deviation as a share; where a
   /// method states none, what trusted ones are allowed.
   double mean_error = 0.1, deviation_error = 0.05;
-  bool budget_spent = false;          ///< `evaluations` ended it: with more it would have gone on
+  bool budget_spent = false;          ///< `evaluations` or `seconds` ended it: with more it goes on
   std::vector<std::string> warnings;  ///< sentences: what was wrong with the model and how it was got round
   /// Trusted or not, and why; then any doubt about the result itself.
   std::string verdict;

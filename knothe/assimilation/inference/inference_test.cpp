@@ -180,5 +180,95 @@ TEST(Inference, AllMethodsAgree) {
   }
 }
 
+/// Calls take a second each on a clock of their own.
+struct Slow : model::test_models::Smooth {
+  double time = 0;
+  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points,
+                Eigen::Ref<Eigen::MatrixXd> values) override {
+    Smooth::evaluate(points, values);
+    time += points.cols();
+    for (Eigen::Index i = 0; answered && i < points.cols(); ++i) answered(i);
+  }
+};
+
+/// An inference of `Slow` that can be gone on with.
+struct SlowRun {
+  std::vector<ModelCall> answers;
+  Eigen::Index calls = 0;
+
+  InferenceResult run(posterior::Method method, double seconds) {
+    const std::vector<Prior> priors = {Prior::lognormal(0.1, 0.4), Prior::uniform(-1.0, 2.0)};
+    Slow model;
+    ModelEvaluator evaluator(model, priors, 1e-4);
+    evaluator.clock = [&] { return model.time; };
+    for (const ModelCall& answer : answers) evaluator.remember(answer);
+    evaluator.answered = [&](const ModelCall& call) { answers.push_back(call); };
+    PosteriorDensity posterior(
+        evaluator, priors,
+        Observations{Eigen::Vector3d(1.4, 0.9, 0.2),
+                     likelihood::GaussianNoise::independent(Eigen::Vector3d(0.3, 0.3, 0.2))},
+        useful_derivatives(method, false));
+    InferenceOptions options;
+    options.method = method;
+    options.samples = 4000;
+    options.seconds = seconds;
+    const auto count = [&] { calls = model.calls().evaluations; };
+    try {
+      InferenceResult result = infer(posterior, evaluator, options);
+      count();
+      return result;
+    } catch (const NumericalError&) {
+      count();
+      throw;
+    }
+  }
+};
+
+TEST(Inference, EveryMethodEndsInTimeWithAnAnswerAndItsError) {
+  const InferenceResult judge = SlowRun().run(posterior::Method::grid, 0);
+  for (const posterior::Method method :
+       {posterior::Method::transport, posterior::Method::grid, posterior::Method::markov_chain,
+        posterior::Method::sequential_monte_carlo})
+    for (const double seconds : {900.0, 2500.0}) {
+      SlowRun slow;
+      const InferenceResult result = slow.run(method, seconds);
+      EXPECT_LE(slow.calls, seconds) << to_text(method);
+      const Comparison c = compare(judge, result);
+      EXPECT_LT(c.mean_difference.cwiseAbs().maxCoeff(), result.mean_error) << result.verdict;
+      EXPECT_LT(c.std_ratio.array().log().abs().maxCoeff(), result.deviation_error) << result.verdict;
+    }
+}
+
+TEST(Inference, WhatTheClockEndedGoesOnWhereItWas) {
+  const posterior::Method method = posterior::Method::sequential_monte_carlo;
+  SlowRun whole, slow;
+  const InferenceResult at_once = whole.run(method, 0), ended = slow.run(method, 1500);
+  EXPECT_FALSE(ended.trusted);
+  EXPECT_TRUE(ended.budget_spent);
+  EXPECT_NE(ended.verdict.find(" The time of 1500 s is over: seconds = 3000 goes on from here."),
+            std::string::npos)
+      << ended.verdict;
+  const Eigen::Index calls = slow.calls;
+  const InferenceResult gone_on = slow.run(method, 0);
+  EXPECT_EQ(gone_on.mean, at_once.mean);
+  EXPECT_EQ(gone_on.covariance, at_once.covariance);
+  // What it tried after its end, the most probable point from elsewhere, is not asked for again.
+  EXPECT_LE(calls + slow.calls, whole.calls + 100);
+  EXPECT_GE(calls + slow.calls, whole.calls);
+}
+
+TEST(Inference, AnAnswerTakesMoreThanAFewCalls) {
+  const auto message = [](double seconds) -> std::string {
+    try {
+      (void)SlowRun().run(posterior::Method::sequential_monte_carlo, seconds);
+    } catch (const NumericalError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_EQ(message(10), "the time for calls of the model is over: raise seconds");
+  EXPECT_EQ(message(100), "");
+}
+
 }  // namespace
 }  // namespace knothe::assimilation

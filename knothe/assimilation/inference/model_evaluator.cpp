@@ -36,9 +36,6 @@ bool needs_sensitivity(CallKind kind) {
 
 }  // namespace
 
-BudgetSpent::BudgetSpent(std::int64_t budget)
-    : NumericalError(fmt::format("the budget of {} calls of the model is spent", budget)) {}
-
 ModelEvaluator::ModelEvaluator(model::ForwardModel& model, std::vector<posterior::Prior> priors, double step)
     : model_(&model), priors_(std::move(priors)), step_(step) {
   if (std::ssize(priors_) != model.dimension())
@@ -132,6 +129,21 @@ void ModelEvaluator::call(CallKind kind, const Eigen::MatrixXd& points, const Ei
   require_finite(points, answers, name_of(kind));
 }
 
+double ModelEvaluator::now() const {
+  if (clock) return clock();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+/// So many of these calls that they end in time, at the pace of the slowest so far; one where there were
+/// none.
+Eigen::Index ModelEvaluator::in_time(Eigen::Index wanted) const {
+  if (deadline == k_no_deadline) return wanted;
+  const double left = deadline - now();
+  if (left <= 0) throw BudgetSpent("the time for calls of the model is over: raise seconds");
+  if (left >= slowest_ * wanted) return slowest_ > 0 ? wanted : 1;
+  return std::max<Eigen::Index>(1, std::floor(left / slowest_));
+}
+
 void ModelEvaluator::ask(CallKind kind, const Eigen::Ref<const Eigen::MatrixXd>& points,
                          const Eigen::Ref<const Eigen::MatrixXd>& sensitivities, Eigen::MatrixXd& answers) {
   const Eigen::Index n = points.cols();
@@ -151,13 +163,16 @@ void ModelEvaluator::ask(CallKind kind, const Eigen::Ref<const Eigen::MatrixXd>&
     }
   }
   if (!missing.empty() && std::ssize(missing) > (budget_ - spent()) / cost_of(kind))
-    throw BudgetSpent(budget_);
-  if (!missing.empty()) {
-    const Eigen::MatrixXd wanted = points(Eigen::all, missing),
-                          sensitive = sensitivities(Eigen::all, missing);
+    throw BudgetSpent(fmt::format("the budget of {} calls of the model is spent", budget_));
+  for (auto begin = missing.begin(); begin != missing.end();) {
+    const std::vector<Eigen::Index> some(begin, begin + in_time(missing.end() - begin));
+    begin += std::ssize(some);
+    const Eigen::MatrixXd wanted = points(Eigen::all, some), sensitive = sensitivities(Eigen::all, some);
     Eigen::MatrixXd found = Eigen::MatrixXd::Constant(answers.rows(), wanted.cols(), k_poison);
+    const double before = now();
     call(kind, wanted, sensitive, found);
-    answers(Eigen::all, missing) = found;
+    slowest_ = std::max(slowest_, (now() - before) / std::ssize(some));
+    answers(Eigen::all, some) = found;
     for (Eigen::Index i = 0; i < found.cols(); ++i)
       keep({kind, wanted.col(i), sensitive.col(i), found.col(i)}, false);
   }

@@ -10,6 +10,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/model/forward/forward_model.hpp"
+#include "knothe/posterior/budget_spent.hpp"
 #include "knothe/posterior/prior/prior.hpp"
 
 namespace knothe::assimilation {
@@ -29,11 +30,7 @@ struct OwnDerivatives {
   bool gradient = true, jacobian = true, hessian = true;
 };
 
-/// The calls that a model may be asked for are made.
-class BudgetSpent : public NumericalError {
- public:
-  explicit BudgetSpent(std::int64_t budget);
-};
+using posterior::BudgetSpent;
 
 /// Evaluations of a forward model at points of the priors' support. Points are d × n, one column each, as in
 /// ForwardModel.
@@ -60,6 +57,15 @@ class ModelEvaluator {
   void set_budget(std::int64_t budget) { budget_ = budget; }
   [[nodiscard]] std::int64_t budget() const { return budget_; }
   static constexpr std::int64_t k_no_budget = std::numeric_limits<std::int64_t>::max();
+
+  /// Seconds since some moment; empty: of this machine's steady clock.
+  using Clock = std::function<double()>;
+  Clock clock;
+  [[nodiscard]] double now() const;
+  /// From this moment of the clock on no call is made either. What is known is still answered.
+  static constexpr double k_no_deadline = std::numeric_limits<double>::infinity();
+  double deadline = k_no_deadline;
+  [[nodiscard]] bool is_out_of_time() const { return deadline < k_no_deadline && now() >= deadline; }
 
   /// A call made earlier, by another run: it will not be made again. Its sizes must fit.
   void remember(const ModelCall& call);
@@ -103,6 +109,7 @@ class ModelEvaluator {
            const Eigen::Ref<const Eigen::MatrixXd>& sensitivities, Eigen::MatrixXd& answers);
   void call(CallKind kind, const Eigen::MatrixXd& points, const Eigen::MatrixXd& sensitivities,
             Eigen::MatrixXd& answers);
+  [[nodiscard]] Eigen::Index in_time(Eigen::Index wanted) const;
 
   model::ForwardModel* model_;
   std::vector<posterior::Prior> priors_;
@@ -110,6 +117,7 @@ class ModelEvaluator {
   OwnDerivatives own_;
   double seconds_ = 0;
   std::int64_t budget_ = k_no_budget, earlier_ = 0;  ///< earlier_: cost of calls of an earlier run
+  double slowest_ = 0;                               ///< seconds a call took, on average over a batch
   struct Known {
     Eigen::VectorXd answer;
     bool of_earlier_run = false;  ///< and not asked for yet

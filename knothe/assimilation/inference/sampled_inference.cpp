@@ -62,7 +62,7 @@ void by_weighted_draws(PosteriorDensity& posterior, const ModelEvaluator& evalua
   r.temperatures = draws.temperatures;
   r.mean_error = draws.mean_error;
   r.deviation_error = draws.deviation_error;
-  r.budget_spent = !r.trusted && is_limited;
+  r.budget_spent = !r.trusted && (is_limited || evaluator.is_out_of_time());
   r.verdict = in_words(posterior::trust_of(draws, draws.temperatures.back()));
 }
 

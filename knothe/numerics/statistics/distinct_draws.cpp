@@ -5,6 +5,7 @@
 #include <limits>
 #include <numeric>
 #include <set>
+#include <utility>
 #include <vector>
 
 #include "knothe/base/index.hpp"
@@ -36,6 +37,80 @@ Eigen::MatrixXd whitened(const Eigen::MatrixXd& points, const Eigen::MatrixXd& c
   return points * scale.asDiagonal() * axes.eigenvectors() * of_axes.asDiagonal();
 }
 
+/// Points (n × d) halved along their widest coordinate again and again, so that the nearest are found by
+/// looking at few of them.
+class NearestPoints {
+ public:
+  explicit NearestPoints(const Eigen::MatrixXd& points)
+      : points_(points.transpose()), order_(points.rows()), axes_(points.rows()), borders_(points.rows()) {
+    std::iota(order_.begin(), order_.end(), Index{0});
+    halve(0, std::ssize(order_));
+  }
+
+  /// The `count` nearest, nearest first.
+  [[nodiscard]] std::vector<Index> to(const Eigen::VectorXd& point, Index count) {
+    point_ = point;
+    count_ = count;
+    found_.clear();
+    search(0, std::ssize(order_));
+    std::sort_heap(found_.begin(), found_.end());
+    std::vector<Index> nearest;
+    for (const auto& [distance, i] : found_) nearest.push_back(i);
+    return nearest;
+  }
+
+ private:
+  static constexpr Index k_leaf = 16;
+
+  void halve(Index begin, Index end) {
+    if (end - begin <= k_leaf) return;
+    Eigen::VectorXd lower = points_.col(order_[begin]), upper = lower;
+    for (Index i = begin; i < end; ++i) {
+      lower = lower.cwiseMin(points_.col(order_[i]));
+      upper = upper.cwiseMax(points_.col(order_[i]));
+    }
+    const Index middle = (begin + end) / 2;
+    Index& axis = axes_[middle];
+    (upper - lower).maxCoeff(&axis);
+    std::nth_element(order_.begin() + begin, order_.begin() + middle, order_.begin() + end,
+                     [&](Index a, Index b) { return points_(axis, a) < points_(axis, b); });
+    borders_[middle] = points_(axis, order_[middle]);
+    halve(begin, middle);
+    halve(middle, end);
+  }
+
+  void search(Index begin, Index end) {
+    if (end - begin <= k_leaf) {
+      for (Index i = begin; i < end; ++i) add(order_[i]);
+      return;
+    }
+    const Index middle = (begin + end) / 2;
+    const double beyond = point_[axes_[middle]] - borders_[middle];
+    beyond < 0 ? search(begin, middle) : search(middle, end);
+    if (std::ssize(found_) < count_ || beyond * beyond <= found_.front().first)
+      beyond < 0 ? search(middle, end) : search(begin, middle);
+  }
+
+  void add(Index i) {
+    const std::pair candidate{(points_.col(i) - point_).squaredNorm(), i};
+    if (std::ssize(found_) == count_) {
+      if (!(candidate < found_.front())) return;
+      std::pop_heap(found_.begin(), found_.end());
+      found_.pop_back();
+    }
+    found_.push_back(candidate);
+    std::push_heap(found_.begin(), found_.end());
+  }
+
+  Eigen::MatrixXd points_;  ///< d × n
+  std::vector<Index> order_;
+  std::vector<Index> axes_;      ///< of the halves that begin and end at a place of the order
+  std::vector<double> borders_;  ///< on this axis
+  Eigen::VectorXd point_;
+  Index count_ = 0;
+  std::vector<std::pair<double, Index>> found_;  ///< squared distances: a heap, the farthest first
+};
+
 /// From each of the draws `repeated` a normal step of the covariance that the nearest of the draws `distinct`
 /// have about their mean. Shortened, all alike, so that the steps add at most 1 % to the variance of any
 /// axis.
@@ -48,15 +123,11 @@ Eigen::MatrixXd local_steps(const Eigen::MatrixXd& draws, const std::vector<Inde
   const Eigen::MatrixXd positions = draws(distinct, Eigen::all), near = whitened(positions, covariance),
                         from = whitened(draws(repeated, Eigen::all), covariance);
   const Eigen::MatrixXd normal = monte_carlo_normal_points(from.rows(), neighbours, 1);
-  std::vector<Index> order(distinct.size());
+  NearestPoints distinct_points(near);
   Eigen::MatrixXd steps(from.rows(), d);
   Eigen::VectorXd variance = Eigen::VectorXd::Zero(d);  // of a step, by whitened coordinate
   for (Index i = 0; i < from.rows(); ++i) {
-    const Eigen::VectorXd distance = (near.rowwise() - from.row(i)).rowwise().squaredNorm();
-    std::iota(order.begin(), order.end(), Index{0});
-    std::nth_element(order.begin(), order.begin() + (neighbours - 1), order.end(),
-                     [&](Index a, Index b) { return distance[a] < distance[b]; });
-    const auto nearest = Eigen::Map<const Eigen::Matrix<Index, Eigen::Dynamic, 1>>(order.data(), neighbours);
+    const std::vector<Index> nearest = distinct_points.to(from.row(i).transpose(), neighbours);
     const Eigen::VectorXd factors = (normal.row(i).array() - normal.row(i).mean()).matrix().transpose() /
                                     std::sqrt(std::max<Index>(1, neighbours - 1));
     steps.row(i) = factors.transpose() * positions(nearest, Eigen::all);

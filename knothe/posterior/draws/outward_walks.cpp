@@ -18,7 +18,7 @@ namespace {
 constexpr Eigen::Index k_full_shape = 4;
 /// A draw at either end of a variable has so much of the mass beyond it.
 constexpr double k_beyond = 1e-3;
-constexpr Eigen::Index k_heaviest = 4;
+constexpr Eigen::Index k_telling = 4, k_heaviest = 2;
 /// What one draw may move: a third of what is tolerated.
 constexpr double k_mean_shift = ImportanceResult::k_mean_tolerance / 3,
                  k_deviation_shift = ImportanceResult::k_deviation_tolerance / 3;
@@ -70,6 +70,17 @@ class Influence {
   Eigen::VectorXd mean_, deviation_;
 };
 
+/// The draws with the largest of these numbers.
+std::vector<Eigen::Index> largest(const Eigen::VectorXd& of_draws, Eigen::Index most) {
+  std::vector<Eigen::Index> order(of_draws.size());
+  std::iota(order.begin(), order.end(), Eigen::Index{0});
+  const Eigen::Index count = std::min(most, std::ssize(order));
+  std::partial_sort(order.begin(), order.begin() + count, order.end(),
+                    [&](Eigen::Index a, Eigen::Index b) { return of_draws[a] > of_draws[b]; });
+  order.resize(count);
+  return order;
+}
+
 /// Draws at both ends of the variables, and those that tell most.
 std::vector<Eigen::Index> starts_of(const DrawsToJudge& draws, const Influence& influence,
                                     const OutwardWalkOptions& options) {
@@ -90,19 +101,19 @@ std::vector<Eigen::Index> starts_of(const DrawsToJudge& draws, const Influence& 
     starts.insert(end(order.begin(), order.end()));
     starts.insert(end(order.rbegin(), order.rend()));
   }
-  const Eigen::VectorXd told = influence.of_draws();
-  const Eigen::Index heaviest = std::min(k_heaviest, std::ssize(order));
-  std::partial_sort(order.begin(), order.begin() + heaviest, order.end(),
-                    [&](Eigen::Index a, Eigen::Index b) { return told[a] > told[b]; });
-  starts.insert(order.begin(), order.begin() + heaviest);
+  const std::vector<Eigen::Index> telling = largest(influence.of_draws(), k_telling);
+  starts.insert(telling.begin(), telling.end());
   return {starts.begin(), starts.end()};
 }
 
 /// All walks, in lockstep.
 class Walks {
  public:
-  Walks(CheckedDensity& target, Eigen::MatrixXd starts, const Eigen::MatrixXd& lower, std::uint64_t seed)
+  /// The last `climbing` of them only ever go up.
+  Walks(CheckedDensity& target, Eigen::MatrixXd starts, Eigen::Index climbing, const Eigen::MatrixXd& lower,
+        std::uint64_t seed)
       : target_(target),
+        first_climbing_(starts.rows() - climbing),
         random_(seed),
         lower_(lower),
         position_(std::move(starts)),
@@ -129,7 +140,8 @@ class Walks {
       const double log_ratio = batch_.value[i] - value_[i];
       log_scale_[i] =
           std::clamp(log_scale_[i] + k_gain * (std::exp(std::min(0.0, log_ratio)) - k_wanted), -20.0, 1.0);
-      if (!(std::log(random_.uniform()) < log_ratio)) continue;
+      const double least = std::log(random_.uniform());
+      if (!((i < first_climbing_ ? least : 0) < log_ratio)) continue;
       position_.row(i) = proposal.row(i);
       value_[i] = batch_.value[i];
       moved.push_back(i);
@@ -178,6 +190,7 @@ class Walks {
   }
 
   CheckedDensity& target_;
+  Eigen::Index first_climbing_;
   RandomNumbers random_;
   const Eigen::MatrixXd& lower_;
   Eigen::MatrixXd position_;
@@ -220,10 +233,15 @@ MassBeyond walk_outwards(CheckedDensity& target, const DrawsToJudge& draws,
   numerics::mean_and_covariance(draws.points, draws.weights, mean, covariance);
   const Eigen::MatrixXd lower = factor_of(covariance);
   const std::vector<Eigen::Index> chosen = starts_of(draws, influence, options);
-  Eigen::MatrixXd starts(std::ssize(chosen) + draws.more_starts.rows(), target.dimension());
+  // The heaviest draws may lie at the foot of a narrow peak in the middle of the others.
+  const std::vector<Eigen::Index> heaviest = largest(draws.weights, k_heaviest);
+  Eigen::MatrixXd starts(std::ssize(chosen) + draws.more_starts.rows() + std::ssize(heaviest),
+                         target.dimension());
   starts.topRows(std::ssize(chosen)) = draws.points(chosen, Eigen::all);
-  if (draws.more_starts.rows() > 0) starts.bottomRows(draws.more_starts.rows()) = draws.more_starts;
-  Walks walks(target, std::move(starts), lower, options.seed);
+  if (draws.more_starts.rows() > 0)
+    starts.middleRows(std::ssize(chosen), draws.more_starts.rows()) = draws.more_starts;
+  starts.bottomRows(std::ssize(heaviest)) = draws.points(heaviest, Eigen::all);
+  Walks walks(target, std::move(starts), std::ssize(heaviest), lower, options.seed);
   MassBeyond beyond;
   std::vector<Place> places;
   for (int step = 0; step < options.steps; ++step) {
@@ -247,9 +265,10 @@ MassBeyond walk_outwards(CheckedDensity& target, const DrawsToJudge& draws,
 }
 
 std::int64_t cost_of_walks(Eigen::Index d, Eigen::Index more_starts, const OutwardWalkOptions& options) {
-  const std::int64_t walks = 2 * std::min(d, options.most_variables) + k_heaviest + more_starts;
+  const std::int64_t walks = 2 * std::min(d, options.most_variables) + k_telling + k_heaviest + more_starts;
   const std::int64_t shape = d > k_full_shape ? 2 * d : 1 + d + d * d;
-  return walks * (1 + options.steps + (options.steps / steps_between_shapes(d) + 1) * shape);
+  const std::int64_t between = steps_between_shapes(d), shapes = (options.steps + between - 1) / between;
+  return walks * (1 + options.steps + shapes * shape);
 }
 
 }  // namespace knothe::posterior

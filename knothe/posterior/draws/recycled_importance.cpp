@@ -10,6 +10,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
+#include "knothe/posterior/budget_spent.hpp"
 #include "knothe/posterior/checked_density.hpp"
 #include "knothe/posterior/draws/importance_proposal.hpp"
 #include "knothe/posterior/draws/outward_walks.hpp"
@@ -31,6 +32,9 @@ constexpr double k_widened = 1.2;
 /// there are so many times as many draws; at once, where a single draw could have moved a moment by so many
 /// times what is tolerated: there the draws are far from where the mass ends.
 constexpr double k_early = 3, k_more_draws = 1.5, k_far_from_end = 10;
+/// Where the first draws are worth enough only below this β, the mass is far away or small, and draws around
+/// the modes that are known get there sooner.
+constexpr double k_far_away = 0.3;
 /// Where no first draw has any density, there are so many batches of them.
 constexpr int k_first_batches = 4;
 /// Walks from draws of the flattened target: in few dimensions fits to such draws miss no mode.
@@ -64,15 +68,16 @@ class Draws {
  public:
   explicit Draws(Eigen::Index d) : points_(0, d), reference_(Mixture::standard_normal(d)) {}
 
-  void add(CheckedDensity& target, MixtureProduct proposal, Eigen::Index n, RandomNumbers& random) {
+  void add(CheckedDensity& target, MixtureProduct proposal, Eigen::Index count, RandomNumbers& random) {
+    proposal.sample(count, random, fresh_);
+    evaluate_fresh(target);
+    const Eigen::Index n = fresh_.rows();
     const double log_n = std::log(n);
     proposal.log_density(points_, part_);
     for (Eigen::Index i = 0; i < size(); ++i) log_drawn_[i] = log_sum(log_drawn_[i], log_n + part_[i]);
     proposals_.push_back({std::move(proposal), log_n});
-    proposals_.back().density.sample(n, random, fresh_);
-    target.evaluate(fresh_, 0, batch_);
     append(fresh_, points_);
-    append(batch_.value, log_target_);
+    append(fresh_values_, log_target_);
     reference_.log_density(fresh_, part_);
     append(part_, log_reference_);
     Eigen::VectorXd sum = Eigen::VectorXd::Constant(n, -k_infinity);
@@ -146,6 +151,24 @@ class Draws {
     double log_draws;
   };
 
+  /// The first draws, from N(0, I), are independent: where the target may not be asked for all of them, those
+  /// that it has answered are kept.
+  void evaluate_fresh(CheckedDensity& target) {
+    constexpr Eigen::Index k_block = 64;
+    const Eigen::Index n = fresh_.rows(), block = proposals_.empty() ? k_block : n;
+    fresh_values_.resize(n);
+    for (Eigen::Index begin = 0; begin < n; begin += block) try {
+        const Eigen::Index size = std::min(block, n - begin);
+        target.evaluate(fresh_.middleRows(begin, size), 0, batch_);
+        fresh_values_.segment(begin, size) = batch_.value;
+      } catch (const BudgetSpent&) {
+        if (begin == 0) throw;
+        fresh_.conservativeResize(begin, Eigen::NoChange);
+        fresh_values_.conservativeResize(begin);
+        return;
+      }
+  }
+
   template <class Matrix>
   static void append(const Matrix& more, Matrix& all) {
     all.conservativeResize(all.rows() + more.rows(), more.cols());
@@ -154,7 +177,7 @@ class Draws {
 
   Eigen::MatrixXd points_, fresh_;
   Mixture reference_;
-  Eigen::VectorXd log_target_, log_reference_, part_;
+  Eigen::VectorXd log_target_, log_reference_, part_, fresh_values_;
   Eigen::VectorXd log_drawn_;  ///< log Σ n_r q_r, of all proposals
   std::vector<Proposal> proposals_;
   LogDensityBatch batch_;
@@ -164,17 +187,21 @@ Eigen::MatrixXd variables_of(const Draws& draws, const RecycledImportanceOptions
   return options.variables ? options.variables(draws.points()) : draws.points();
 }
 
-/// 1 + r²/d, r: distance of each draw from the mean in standard deviations of the variables. Errors of
-/// standard deviations are made far out, where a fit to the target itself has few draws; to sample |f| π̄ is
-/// best for the mean of f.
+/// 1 + Σ c_k t_k², t_k: distance of each draw from the mean of variable k in standard deviations, c_k: its
+/// share of the squared errors of all standard deviations. These errors are made far out, where a fit to the
+/// target itself has few draws; to sample |f| π̄ is best for the mean of f.
 Eigen::VectorXd emphasis(const Eigen::MatrixXd& variables, const Eigen::VectorXd& weights) {
-  Eigen::VectorXd factor = Eigen::VectorXd::Ones(variables.rows());
+  Eigen::ArrayXd sum = Eigen::ArrayXd::Zero(variables.rows());
+  double of_all = 0;
   for (Eigen::Index k = 0; k < variables.cols(); ++k) {
     const Eigen::ArrayXd squares = (variables.col(k).array() - variables.col(k).dot(weights)).square();
     const double variance = squares.matrix().dot(weights);
-    if (variance > 0) factor.array() += squares / (variance * variables.cols());
+    if (!(variance > 0)) continue;
+    const double error = (weights.array() * (squares / variance - 1)).square().sum();
+    sum += error / variance * squares;
+    of_all += error;
   }
-  return factor;
+  return 1 + sum / std::max(of_all, std::numeric_limits<double>::min());
 }
 
 /// `enough`: what the weights of the flattened target have to be worth, else there is none: behind a prior
@@ -230,6 +257,8 @@ std::optional<MassBeyond> look_beyond(CheckedDensity& target, const Draws& draws
        options.variables,
        draws.at(flat, Eigen::VectorXd::Ones(draws.size()), flat_walks(draws.points().cols()), seed).points},
       {.seed = seed});
+} catch (const BudgetSpent&) {
+  throw;
 } catch (const NumericalError&) {
   return std::nullopt;
 }
@@ -277,58 +306,69 @@ RecycledImportanceResult recycled_importance(LogDensity& user_target,
     if (options.progress && !options.progress(std::min(1.0, share)))
       throw Interrupted(fmt::format("smc: interrupted after {} draws", draws.size()));
   };
-  const auto add_some = [&](std::vector<MixtureComponent> places) {
-    const Eigen::Index half = (options.draws + 1) / 2;
-    draws.add(target, of_all(Mixture(std::move(places), k_tails)), std::min(half, in_a_round()), random);
+  const auto add_around = [&](std::vector<MixtureComponent> places, Eigen::Index count) {
+    draws.add(target, of_all(Mixture(std::move(places), k_tails)), std::min(count, in_a_round()), random);
   };
+  const Eigen::Index some = (options.draws + 1) / 2;
   report();
   for (int batch = 0; batch < k_first_batches && draws.are_all_outside() && (batch == 0 || affordable());
        ++batch)
     draws.add(target, of_all(Mixture::standard_normal(d)), options.draws, random);
-  if (draws.are_all_outside() && !options.modes.empty() && affordable()) add_some(around(options.modes));
+  if (draws.are_all_outside() && !options.modes.empty() && affordable())
+    add_around(around(options.modes), some);
   if (draws.are_all_outside())
     throw NumericalError(
         fmt::format("smc: the density is zero at all {} first draws from N(0, I)", draws.size()));
   RecycledImportanceResult result;
   bool ascended = false;
   Looks looks;
-  while (true) {
-    const double beta = draws.next_temperature(enough);
-    result.temperatures.push_back(beta);
-    state(draws, options, result);
-    const bool is_good = result.is_done(options.share_of_tolerance);
-    if (!affordable() || (options.looks_beyond ? looks.is_due(result, is_good, draws.size()) : is_good)) {
-      if (!options.looks_beyond || !(result.converged || affordable())) break;
-      result.mass_beyond = looks.count > 0;  // until it is seen that nothing is left
-      if (spent() + for_walks > options.max_evaluations) break;
-      const std::optional<MassBeyond> beyond =
-          look_beyond(target, draws, result.temperatures.front(), options, looks.count);
-      if (!beyond) break;
-      result.mass_beyond = beyond->found();
-      looks.add(*beyond, is_good, draws.size());
-      if ((is_good && !beyond->found()) || !affordable()) break;
-      report();
-      if (beyond->found()) {
-        add_some(beyond->places);
-        continue;
+  try {
+    if (const double beta = draws.next_temperature(enough);
+        beta < k_far_away && !options.modes.empty() && affordable()) {
+      result.temperatures.push_back(beta);
+      add_around(around(options.modes), options.draws);
+    }
+    while (true) {
+      const double beta = draws.next_temperature(enough);
+      result.temperatures.push_back(beta);
+      state(draws, options, result);
+      const bool is_good = result.is_done(options.share_of_tolerance);
+      if (!affordable() || (options.looks_beyond ? looks.is_due(result, is_good, draws.size()) : is_good)) {
+        if (!options.looks_beyond || !(result.converged || affordable())) break;
+        result.mass_beyond = looks.count > 0;  // until it is seen that nothing is left
+        if (spent() + for_walks > options.max_evaluations) break;
+        const std::optional<MassBeyond> beyond =
+            look_beyond(target, draws, result.temperatures.front(), options, looks.count);
+        if (!beyond) break;
+        result.mass_beyond = beyond->found();
+        looks.add(*beyond, is_good, draws.size());
+        if ((is_good && !beyond->found()) || !affordable()) break;
+        report();
+        if (beyond->found()) {
+          add_around(beyond->places, some);
+          continue;
+        }
       }
+      report();
+      const bool can_fit = draws.weigh(beta).effective_size >= 2 * (d + 2);
+      if (beta < 1 && !ascended && (!can_fit || result.temperatures.size() >= k_rounds_before_ascents)) {
+        ascended = true;
+        const std::int64_t enough_spent = spent() + (options.max_evaluations - spent()) / 4;
+        const std::vector<Mode> modes =
+            climb(target, draws.at(beta, Eigen::VectorXd::Ones(draws.size()), k_ascents, options.seed).points,
+                  options.modes, [&] { return spent() > enough_spent; });
+        if (!affordable()) break;
+        if (!modes.empty()) add_around(around(modes), some);
+      } else {
+        draws.add(target,
+                  can_fit ? fitted(draws, beta, enough / 3, options) : of_all(Mixture::standard_normal(d)),
+                  in_a_round(), random);
+      }
+      looks.go_on();
     }
-    report();
-    const bool can_fit = draws.weigh(beta).effective_size >= 2 * (d + 2);
-    if (beta < 1 && !ascended && (!can_fit || result.temperatures.size() >= k_rounds_before_ascents)) {
-      ascended = true;
-      const std::int64_t enough_spent = spent() + (options.max_evaluations - spent()) / 4;
-      const std::vector<Mode> modes =
-          climb(target, draws.at(beta, Eigen::VectorXd::Ones(draws.size()), k_ascents, options.seed).points,
-                options.modes, [&] { return spent() > enough_spent; });
-      if (!affordable()) break;
-      if (!modes.empty()) add_some(around(modes));
-    } else {
-      draws.add(target,
-                can_fit ? fitted(draws, beta, enough / 3, options) : of_all(Mixture::standard_normal(d)),
-                in_a_round(), random);
-    }
-    looks.go_on();
+  } catch (const BudgetSpent&) {  // what there is so far is the answer
+    if (result.sample.points.rows() == 0) state(draws, options, result);
+    result.converged = false;
   }
   result.sample.density_evaluations = target.evaluations();
   return result;
