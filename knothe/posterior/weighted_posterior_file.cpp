@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
 #include <filesystem>
 #include <sstream>
 
@@ -84,7 +85,7 @@ WeightedPosterior read_weighted_posterior(const std::string& path) {
   const double sum = found.weights.sum();
   if (!(found.weights.minCoeff() >= 0) || !(sum > 0))
     throw DataError(file.path() + ": " + group.substr(1) + "weights must not be negative, nor all zero");
-  found.weights /= sum;
+  if (std::abs(sum - 1) > 1e-9) found.weights /= sum;  // as they are where they are normalised: to the bit
   if (file.has(group + "log_prior")) found.prior = read_prior(file, group, n, d);
   return found;
 }

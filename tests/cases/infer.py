@@ -5,7 +5,8 @@ import unittest
 from infer_support import InferCase, conjugate, diagonal, quadrature
 from umbridge_server import Density, EightSchools, Growth, Linear, Linear3
 
-KEYS = ["method", "parameters", "wall_clock", "mean", "covariance", "maximum_a_posteriori", "quantiles", "skewness", "kurtosis", "map_order",
+KEYS = ["method", "parameters", "wall_clock", "mean", "covariance", "maximum_a_posteriori", "quantiles", "skewness", "kurtosis",
+        "mean_error", "deviation_error", "map_order",
         "variance_diagnostic", "tolerance_reached", "ess", "trusted", "verdict", "edge_mass", "log_evidence", "log_evidence_error",
         "model_evaluations", "model_calls", "elapsed_us", "samples_file", "distinct_draws", "physical", "fit_probability"]
 MAP_KEYS = KEYS + ["map_file"]

@@ -6,9 +6,9 @@
 namespace knothe::numerics {
 namespace {
 
-constexpr Index k_min_points = 256;         // fewer are as well evaluated
-constexpr Index k_max_window = 1 << 14;     // nodes
-constexpr Index k_tile = 4;                 // nodes along a side, evaluated together
+constexpr Index k_min_points = 256;      // fewer are as well evaluated
+constexpr Index k_max_window = 1 << 14;  // nodes
+constexpr Index k_tile = 4;              // nodes along a side, evaluated together
 constexpr Index k_max_tiles = 4096;
 constexpr double k_min_level = 2, k_max_level = 40;
 constexpr double k_intervals_per_std = 3;
@@ -105,8 +105,7 @@ void LatticeTable::fill_window(const Functions& functions) {
     for (Index j = 0; j < columns; ++j)
       if (used_[i * columns + j])
         for (const Index to_i : {0, 3})
-          for (const Index to_j : {0, 3})
-            needed[(i0 + i + to_i) / k_tile * m + (j0 + j + to_j) / k_tile] = 1;
+          for (const Index to_j : {0, 3}) needed[(i0 + i + to_i) / k_tile * m + (j0 + j + to_j) / k_tile] = 1;
   for (Index t = 0; t < n * m; ++t) {
     if (!needed[t]) continue;
     const Index i = t / m * k_tile - i0, j = t % m * k_tile - j0;  // of the tile's first node, in the window

@@ -22,8 +22,8 @@ class LatticeTable {
   LatticeTable(const Eigen::VectorXd& lower, const Eigen::VectorXd& upper, Index count);
 
   /// The functions at `points` (n × d) of `weights` (n, ≥ 0): n × count. Interpolated where their third
-  /// differences leave an error below 1 % of their standard deviation over the points, or below 1e-5 times the
-  /// share of the weights there; evaluated elsewhere, and everywhere where the variables are not two, the
+  /// differences leave an error below 1 % of their standard deviation over the points, or below 1e-5 times
+  /// the share of the weights there; evaluated elsewhere, and everywhere where the variables are not two, the
   /// points are few or the box is unbounded.
   [[nodiscard]] Eigen::MatrixXd evaluate(const Eigen::MatrixXd& points, const Eigen::VectorXd& weights,
                                          const Functions& functions);

@@ -154,7 +154,7 @@ class Draws {
   /// The first draws, from N(0, I), are independent: where the target may not be asked for all of them, those
   /// that it has answered are kept.
   void evaluate_fresh(CheckedDensity& target) {
-    constexpr Eigen::Index k_block = 64;
+    constexpr Eigen::Index k_block = 256;
     const Eigen::Index n = fresh_.rows(), block = proposals_.empty() ? k_block : n;
     fresh_values_.resize(n);
     for (Eigen::Index begin = 0; begin < n; begin += block) try {
