@@ -261,6 +261,8 @@ function options(live: Live, width: number, height: number, hover: (index: numbe
   return {
     width,
     height,
+    // Room for half of a time of day above the last step.
+    ...(spec.above ? { padding: [null, 30, null, null] as uPlot.Padding } : {}),
     legend: { show: false },
     cursor: {
       ...(spec.sync === "" ? {} : { sync: { key: spec.sync ?? "knothe" } }),
