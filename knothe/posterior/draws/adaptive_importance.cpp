@@ -141,7 +141,7 @@ AdaptiveImportanceResult adaptive_importance(LogDensity& user_target,
     tempering.kept = k_flat;
     TemperedParticles particles(target, start, tempering);
     particles.run();
-    ImportanceProposal proposal(k_tails, k_flat_share);
+    ImportanceProposal proposal(k_tails, {k_flat_share});
     fitted = equally_weighted(particles.points());
     const WeightedPoints flattened = equally_weighted(particles.points_at_kept());
     for (int round = 0; round < options.max_rounds && !result.is_done(); ++round) {

@@ -1,13 +1,9 @@
 #include "knothe/posterior/draws/importance_proposal.hpp"
 
-#include <cmath>
-
 #include "knothe/posterior/draws/mixture_fit.hpp"
 
 namespace knothe::posterior {
 namespace {
-
-constexpr double k_reference_share = 0.02;
 
 void append(const std::vector<MixtureComponent>& some, double share, std::vector<MixtureComponent>& all) {
   double total = 0;
@@ -37,15 +33,12 @@ std::size_t ImportanceProposal::components() const {
 
 MixtureProduct ImportanceProposal::mixtures() const {
   std::vector<MixtureProduct::Factor> factors;
-  // Of many groups each needs less: the weights of a draw multiply.
-  const double share = 1 / std::sqrt(groups_.size());
-  const double reference_share = share * k_reference_share, flat_share = share * flat_share_;
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     const auto d = std::ssize(groups_[g]);
     std::vector<MixtureComponent> all = {
-        {reference_share, Eigen::VectorXd::Zero(d), Eigen::MatrixXd::Identity(d, d)}};
-    append(target_[g], 1 - reference_share - flat_share, all);
-    append(flattened_[g], flat_share, all);
+        {shares_.reference, Eigen::VectorXd::Zero(d), Eigen::MatrixXd::Identity(d, d)}};
+    append(target_[g], 1 - shares_.reference - shares_.flat, all);
+    append(flattened_[g], shares_.flat, all);
     factors.push_back({groups_[g], Mixture(std::move(all), tails_)});
   }
   return MixtureProduct(std::move(factors));

@@ -17,12 +17,16 @@ struct WeightedPoints {
 using Groups = std::vector<std::vector<Eigen::Index>>;
 
 /// For each group of coordinates that depend on each other a mixture, with heavy tails, a share of the
-/// flattened target's (it reaches the ends of ridges, which a fit to the target thins out), and 2 % of N(0,
-/// I): something everywhere (defensive sampling, Hesterberg 1995).
+/// flattened target's (it reaches the ends of ridges, which a fit to the target thins out), and a little of
+/// N(0, I): something everywhere (defensive sampling, Hesterberg 1995).
 class ImportanceProposal {
  public:
-  /// `tails`: degrees of freedom, even; `flat_share` of the draws comes from the flattened target.
-  ImportanceProposal(double tails, double flat_share) : tails_(tails), flat_share_(flat_share) {}
+  /// Of the draws of each group: from the flattened target, and from N(0, I).
+  struct Shares {
+    double flat, reference = 0.02;
+  };
+  /// `tails`: degrees of freedom, even.
+  ImportanceProposal(double tails, Shares shares) : tails_(tails), shares_(shares) {}
 
   /// Fits to `target`, from the last fit on. The flattened target is fitted where the groups are others.
   void fit(Groups groups, const WeightedPoints& target, const WeightedPoints& flattened);
@@ -31,7 +35,8 @@ class ImportanceProposal {
   [[nodiscard]] MixtureProduct mixtures() const;
 
  private:
-  double tails_, flat_share_;
+  double tails_;
+  Shares shares_;
   Groups groups_;
   std::vector<std::vector<MixtureComponent>> target_, flattened_;
 };

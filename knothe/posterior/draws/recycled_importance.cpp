@@ -152,21 +152,28 @@ class Draws {
   };
 
   /// The first draws, from N(0, I), are independent: where the target may not be asked for all of them, those
-  /// that it has answered are kept.
+  /// that it answers are kept.
   void evaluate_fresh(CheckedDensity& target) {
-    constexpr Eigen::Index k_block = 256;
-    const Eigen::Index n = fresh_.rows(), block = proposals_.empty() ? k_block : n;
+    constexpr Eigen::Index k_block = 64;
+    const Eigen::Index n = fresh_.rows();
     fresh_values_.resize(n);
-    for (Eigen::Index begin = 0; begin < n; begin += block) try {
-        const Eigen::Index size = std::min(block, n - begin);
-        target.evaluate(fresh_.middleRows(begin, size), 0, batch_);
-        fresh_values_.segment(begin, size) = batch_.value;
-      } catch (const BudgetSpent&) {
-        if (begin == 0) throw;
-        fresh_.conservativeResize(begin, Eigen::NoChange);
-        fresh_values_.conservativeResize(begin);
-        return;
-      }
+    const auto evaluate = [&](Eigen::Index begin, Eigen::Index size) {
+      target.evaluate(fresh_.middleRows(begin, size), 0, batch_);
+      fresh_values_.segment(begin, size) = batch_.value;
+    };
+    try {
+      return evaluate(0, n);
+    } catch (const BudgetSpent&) {
+      if (!proposals_.empty()) throw;
+    }
+    Eigen::Index begin = 0;
+    try {
+      for (; begin < n; begin += k_block) evaluate(begin, std::min(k_block, n - begin));
+    } catch (const BudgetSpent&) {
+      if (begin == 0) throw;
+      fresh_.conservativeResize(begin, Eigen::NoChange);
+      fresh_values_.conservativeResize(begin);
+    }
   }
 
   template <class Matrix>
@@ -213,10 +220,15 @@ MixtureProduct fitted(const Draws& draws, double beta, double enough,
   const Eigen::VectorXd factor = emphasis(variables_of(draws, options), draws.weigh(beta).values);
   const WeightedPoints target = draws.at(beta, factor, k_fit_points, seed),
                        flat = draws.at(flat_beta, Eigen::VectorXd::Ones(draws.size()), k_fit_points, seed);
-  ImportanceProposal proposal(k_tails, k_flat_share);
   const Eigen::MatrixXd even = numerics::resample(target.points, target.weights, k_group_points, seed),
                         even_flat = numerics::resample(flat.points, flat.weights, k_group_points, seed);
-  proposal.fit(dependent_groups({even, even_flat}), target, flat);
+  Groups groups = dependent_groups({even, even_flat});
+  // Of many groups each needs less: the weights of a draw multiply.
+  ImportanceProposal::Shares shares{k_flat_share};
+  shares.flat /= std::sqrt(groups.size());
+  shares.reference /= std::sqrt(groups.size());
+  ImportanceProposal proposal(k_tails, shares);
+  proposal.fit(std::move(groups), target, flat);
   return proposal.mixtures();
 }
 
