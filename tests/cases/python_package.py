@@ -720,7 +720,7 @@ void slope(const double *p, size_t d, double *out) {
     def test_mistakes_in_inference_are_explained(self):
         one = {"a": knothe.Normal(0, 1)}
         self.refused(knothe.UsageError, "std or covariance", call=lambda: knothe.infer(lambda p: p, one, observed=[1.0]))
-        self.refused(knothe.UsageError, "needed: 64 (1 each)",
+        self.refused(knothe.UsageError, "needed: 256 (1 each)",
                      call=lambda: knothe.infer(lambda p: [1.0, 2.0, 3.0], one, observed=[1.0], std=1.0))
         self.refused(knothe.UsageError, "2 standard deviations for 1 observation",
                      call=lambda: knothe.infer(lambda p: p, one, observed=[1.0], std=[1.0, 1.0]))
