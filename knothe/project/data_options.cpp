@@ -43,6 +43,30 @@ const Section<SensorOptions>& sensor_section() {
   return k_section;
 }
 
+void add_clock(Section<DataSource>& s) {
+  s.add("time_offset_std", &DataSource::time_offset_std,
+        "Standard deviation of the offset, constant but unknown, of the file's clock against that of the "
+        "pictures, fields or first data file, in their unit of time.",
+        non_negative);
+  s.add("time_drift_std", &DataSource::time_drift_std,
+        "Standard deviation of how much faster the file's clock runs, constant but unknown, as a share.",
+        non_negative);
+}
+
+const Section<DataSource>& source_section() {
+  using S = DataSource;
+  static const Section<S> k_section(
+      "data.sources.*", "What another device recorded in the same test, by a clock of its own.",
+      [](Section<S>& s) {
+        s.add("file", &S::file,
+              "Its series and displacements, HDF5 or CSV, at any rate: they are observed at the times of the "
+              "pictures, fields or `data.file`, linear between the values on either side.",
+              file, required);
+        add_clock(s);
+      });
+  return k_section;
+}
+
 struct ParameterOptions {
   enum class Kind { normal, uniform, lognormal, posterior, known } kind = Kind::normal;
   std::optional<double> value;
@@ -189,7 +213,9 @@ std::vector<Option> data_option_table() {
       Section<SensorOptions>("data.sensors",
                              "Sensors that are combinations of displacements; the data file has their values "
                              "as a series of the same name."),
-      sensor_section(),
+      sensor_section(), Section<DataSource>("data", "", add_clock),
+      Section<DataSource>("data.sources", "Further files of the same test, one table each."),
+      source_section(),
       Section<ParameterOptions>("parameters",
                                 "One table per parameter of the model; their order is the order everywhere."),
       parameter_section());
@@ -200,6 +226,28 @@ std::vector<model::ScalarObservation> read_sensors(Values& values) {
   for (const std::string& name : values.children_of("data.sensors"))
     sensors.push_back(read_sensor(values, name));
   return sensors;
+}
+
+void read_sources(Values& values, Project& project) {
+  const bool fields = !project.fields.files.empty();
+  // Beside pictures that are still to come, series that are too.
+  const bool to_come = project.data.empty() && !project.series_std.empty() &&
+                       (values.has("serve.watch_pictures") || values.has_table("serve.camera"));
+  const bool is_beside = to_come || (!project.data.empty() && (fields || !project.pictures.folder.empty()));
+  DataSource first = Section<DataSource>("data", "", add_clock).read(values);
+  first.file = project.data;
+  if (is_beside && (!to_come || first.time_offset_std + first.time_drift_std > 0))
+    project.sources.push_back(first);
+  if (fields) project.data = project.fields.files;
+  for (const char* key : {"data.time_offset_std", "data.time_drift_std"})
+    if (values.has(key) && !is_beside)
+      values.complain(key, fmt::format("\"{}\" is that of \"data.file\" against \"data.pictures\" or "
+                                       "[data.fields]: it needs both (of other files: [data.sources])",
+                                       key));
+  for (const std::string& name : values.children_of("data.sources")) {
+    project.sources.push_back(source_section().read(values, name));
+    project.sources.back().name = name;
+  }
 }
 
 void read_parameters(Values& values, Project& project) {

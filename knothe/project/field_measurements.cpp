@@ -26,9 +26,14 @@ constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
 constexpr double k_max_misfit = 0.02;  // of a registration, relative to its extent
 constexpr double k_max_outside = 0.1;  // of the points
 
-bool same_file(const std::string& a, const std::string& b) {
-  std::error_code ignored;
-  return !a.empty() && !b.empty() && std::filesystem::equivalent(a, b, ignored);
+/// Whether the project says of a file among the fields that it is something else.
+bool is_no_field(const Project& project, const std::string& path) {
+  std::vector<std::string> others = {project.fields.reference, project.fields.steps};
+  for (const DataSource& source : project.sources) others.push_back(source.file);
+  return std::any_of(others.begin(), others.end(), [&](const std::string& other) {
+    std::error_code ignored;
+    return !other.empty() && std::filesystem::equivalent(path, other, ignored);
+  });
 }
 
 /// All fields of the project in their common form, those of the body at rest apart.
@@ -41,13 +46,12 @@ void lose_all(ExportedField& field) {
   field.u.assign(field.x.size(), k_nan), field.v = field.u;
 }
 
-ReadFields read_all(const FieldOptions& options) {
+ReadFields read_all(const Project& project) {
+  const FieldOptions& options = project.fields;
   ReadFields all;
   std::vector<ExportedField> fields;
   for (const std::string& path : list_fields(options.files)) {
-    if (same_file(path, options.reference) || same_file(path, options.steps) ||
-        same_file(path, options.beside))
-      continue;
+    if (is_no_field(project, path)) continue;
     for (ExportedField& field : files::read_exported_fields(path, options.mapping))
       fields.push_back(std::move(field));
   }
@@ -248,7 +252,7 @@ void add_stated_series(const Project& project, const std::vector<ExportedField>&
 
 FieldMeasurements measure_fields(const Project& project, const model::ModelContents& model) {
   const FieldOptions& o = project.fields;
-  ReadFields all = read_all(o);
+  ReadFields all = read_all(project);
   FieldMeasurements result;
   tell_times(o, model.time, all.fields);
   likelihood::Measurements& m = result.measurements;

@@ -150,7 +150,6 @@ FieldOptions read_field_options(Values& values) {
   check_mapping(values, given, given.mapping);
   check_rest(values, given);
   given.motion_std.resize(3);
-  given.beside = values.resolved(values.get<std::string>("data.file"));
   return given;
 }
 

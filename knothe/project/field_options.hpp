@@ -36,7 +36,6 @@ struct FieldOptions {
   imaging::View view = imaging::View::side;
   std::optional<double> plane;                  ///< m
   std::optional<std::array<double, 4>> region;  ///< of the model's face, two corners, m
-  std::string beside;                           ///< data.file: series recorded beside the fields, resolved
 };
 
 /// Reads [data.fields]. Complaints go to `values`.

@@ -124,10 +124,10 @@ FileCheck check_files(const Project& project) {
   const bool fields = !project.fields.files.empty();
   // A pattern of names is looked up where the fields are read.
   const std::string data = fields ? fields_folder(project.fields) : project.data;
-  std::vector<std::string> files = {project.model,         data,
-                                    pictures.folder,       pictures.series.mask,
-                                    project.fields.beside, project.fields.reference,
-                                    project.fields.steps};
+  std::vector<std::string> files = {project.model,        data,
+                                    pictures.folder,      pictures.series.mask,
+                                    project.fields.steps, project.fields.reference};
+  for (const DataSource& source : project.sources) files.push_back(source.file);
   if (pictures.folder.empty())
     for (const auto* list : {&pictures.references, &pictures.pictures})
       files.insert(files.end(), list->begin(), list->end());

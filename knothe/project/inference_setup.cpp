@@ -91,6 +91,7 @@ void set_up_recorded(const Project& project, const model::SeparatedModel& model,
   if (!project.clock.empty())
     throw project.error_at("data.clock", "data.clock: `knothe assimilate` takes such data, infer does not");
   likelihood::Measurements recorded = read_recorded(project, model.contents());
+  add_sources(project, recorded);
   Project inferred = project;  // what is known is in the model
   for (const KnownParameter& known : project.known) recorded.series.erase(known.name);
   inferred.known.clear();

@@ -23,13 +23,14 @@ namespace {
 
 using likelihood::MeasuredSeries;
 
-/// What a series is measured of: a sensor of the project, else an output of the model.
-model::ScalarObservation sensor_of(const Project& project, const model::SeparatedModel& model,
-                                   const std::string& name, const std::string& source) {
+/// What a series is measured of: an output of the model, else one of the sensors.
+model::ScalarObservation sensor_of(std::span<const model::ScalarObservation> sensors,
+                                   const model::SeparatedModel& model, const std::string& name,
+                                   const std::string& source) {
   for (const model::SnapshotOutput& output : model.contents().outputs)
     if (output.name == name) return {name, name, {}, {}, {}, output.labels.units};
   std::vector<std::string> known = model.output_names();
-  for (const model::ScalarObservation& sensor : project.sensors) {
+  for (const model::ScalarObservation& sensor : sensors) {
     if (sensor.name == name) return sensor;
     known.push_back(sensor.name);
   }
@@ -58,12 +59,34 @@ void settle_units(const model::ScalarObservation& sensor, const std::string& sou
                                 source, series.units, sensor.name, sensor.units));
 }
 
+/// What happens to the observations, n × n_t, per unit of time by which a clock is ahead. `by_clock`: what a
+/// shift of the model's time does, where one of its series tells that time; then it does nothing to the other
+/// series of that clock. Else empty. `expected`: the model's own rates, for series that are still to come.
+Eigen::MatrixXd effect_of_clock(const likelihood::Measurements& m, std::size_t clock,
+                                const Eigen::MatrixXd& by_clock, const Eigen::MatrixXd& expected) {
+  Eigen::MatrixXd effect = by_clock;
+  if (effect.size() == 0) effect.setZero(m.values.rows(), m.values.cols());
+  const Eigen::Index displacements = m.values.rows() - std::ssize(m.sensors.scalars);
+  for (std::size_t k = 0; k < m.sensors.scalars.size(); ++k) {
+    const MeasuredSeries& series = m.series.at(m.sensors.scalars[k]);
+    if (series.clock != clock) continue;
+    auto row = effect.row(displacements + k);
+    row.setZero();
+    if (by_clock.size() > 0) continue;
+    for (std::size_t t = 0; t < m.time.size(); ++t) {
+      const bool is_missing = std::isnan(series.rate[t]);
+      if (!is_missing || expected.size() > 0)
+        row[t] = is_missing ? -expected(displacements + k, t) : -series.rate[t];
+    }
+  }
+  return effect;
+}
+
 /// The noise with the errors that observed series have at all times: what is shared by the values of one, and
-/// that their clock is ahead by. `by_clock`: what the latter does to displacements, n × n_t, m per unit of
-/// time, where the series tell the time of the data; then it does nothing to the series themselves. Else
-/// empty.
-likelihood::NoiseModel with_shared_errors(const likelihood::Measurements& m,
-                                          const Eigen::MatrixXd& by_clock) {
+/// that their clocks are ahead by. `clock`: the one that tells the model's time, `by_clock` and `expected` as
+/// in `effect_of_clock`.
+likelihood::NoiseModel with_shared_errors(const likelihood::Measurements& m, std::optional<std::size_t> clock,
+                                          const Eigen::MatrixXd& by_clock, const Eigen::MatrixXd& expected) {
   const std::vector<std::string>& names = m.sensors.scalars;
   const Eigen::Index displacements = m.values.rows() - std::ssize(names);
   std::vector<Eigen::MatrixXd> factors(m.time.size(), Eigen::MatrixXd(m.values.rows(), 0));
@@ -78,15 +101,18 @@ likelihood::NoiseModel with_shared_errors(const likelihood::Measurements& m,
     if (!std.empty()) errors.push_back({names[k], 1});
     for (std::size_t t = 0; t < std.size(); ++t) add_column(factors[t])(displacements + k) = std[t];
   }
-  if (m.series_time_std > 0) errors.push_back({"time_offset", m.series_time_std});
-  for (std::size_t t = 0; m.series_time_std > 0 && t < factors.size(); ++t) {
-    auto column = add_column(factors[t]);
-    if (by_clock.size() > 0)
-      column.head(displacements) = m.series_time_std * by_clock.col(t).head(displacements);
-    for (std::size_t k = 0; by_clock.size() == 0 && k < names.size(); ++k) {
-      const double rate = m.series.at(names[k]).rate[t];
-      if (!std::isnan(rate)) column(displacements + k) = -m.series_time_std * rate;
-    }
+  for (std::size_t c = 0; c < m.clocks.size(); ++c) {
+    const likelihood::SeriesClock& of_source = m.clocks[c];
+    const std::string whose = of_source.name.empty() ? "" : of_source.name + ".";
+    const Eigen::MatrixXd effect = effect_of_clock(m, c, clock == c ? by_clock : Eigen::MatrixXd(), expected);
+    const auto add_error = [&](const char* what, double std, const auto& ahead) {
+      if (std == 0) return;
+      errors.push_back({whose + what, std});
+      for (std::size_t t = 0; t < factors.size(); ++t)
+        add_column(factors[t]) = std * ahead(t) * effect.col(t);
+    };
+    add_error("time_offset", of_source.offset_std, [](std::size_t) { return 1.0; });
+    add_error("time_drift", of_source.drift_std, [&](std::size_t t) { return m.time[t] - m.time[0]; });
   }
   return factors.empty() || factors.front().cols() == 0
              ? m.noise
@@ -97,7 +123,8 @@ likelihood::NoiseModel with_shared_errors(const likelihood::Measurements& m,
 void add_series(const Project& project, const model::SeparatedModel& model, const std::string& source,
                 ObservedData& data) {
   likelihood::Measurements& m = data.measurements;
-  for (const model::ScalarObservation& sensor : project.sensors) {
+  const std::vector<model::ScalarObservation> all = sensors_of(project, m);
+  for (const model::ScalarObservation& sensor : all) {
     if (!m.series.contains(sensor.name)) {
       throw project.error_at(
           "data.sensors." + sensor.name,
@@ -111,9 +138,9 @@ void add_series(const Project& project, const model::SeparatedModel& model, cons
     const bool is_known = std::any_of(project.known.begin(), project.known.end(),
                                       [&](const KnownParameter& known) { return known.name == name; });
     if (name == project.clock && std::find(outputs.begin(), outputs.end(), name) != outputs.end())
-      settle_units(sensor_of(project, model, name, source), source, series);
+      settle_units(sensor_of(all, model, name, source), source, series);
     if (name == project.clock || is_known) continue;
-    const model::ScalarObservation sensor = sensor_of(project, model, name, source);
+    const model::ScalarObservation sensor = sensor_of(all, model, name, source);
     settle_units(sensor, source, series);
     if (!series.std) {
       data.unused.push_back(name);
@@ -145,6 +172,7 @@ struct Placed {
     bool lasts = false;       ///< one error for all data, by which the clock's time is off
   };
   std::vector<Error> errors;
+  std::optional<std::size_t> clock;  ///< whose error that is
 };
 
 const MeasuredSeries& series_of(const likelihood::Measurements& m, const std::string& name,
@@ -162,9 +190,9 @@ Placed place_by_clock(const Project& project, const model::SeparatedModel& model
   const MeasuredSeries& series =
       series_of(m, project.clock, fmt::format("data.clock = \"{}\"", project.clock), source);
   const likelihood::ClockReading clock = likelihood::read_clock(model, project.clock, series, source);
-  Placed placed{model::at_times(whole, clock.time), {}};
+  Placed placed{model::at_times(whole, clock.time), {}, series.clock};
   if (series.std) placed.errors.push_back({model::rates_at_times(whole, clock.time), clock.std});
-  if (m.series_time_std > 0) {
+  if (series.clock) {
     std::vector<double> per_time = clock.rate;
     for (std::size_t i = 0; i < per_time.size(); ++i) per_time[i] *= series.rate[i];
     placed.errors.push_back({model::rates_at_times(whole, clock.time), std::move(per_time), true});
@@ -199,15 +227,21 @@ void give_last(const std::string& name, std::span<const model::Axis> axes, const
   placed.model = model::with_last_given(placed.model, axes, series.values);
 }
 
-/// The model at the times of the data, with what is known given. What an error of the clock that lasts does
-/// to each observation, n × n_t per unit of time; empty where there is none.
-Eigen::MatrixXd place(const Project& project, const model::SeparatedModel& model,
-                      const std::vector<posterior::Prior>& priors, const std::string& source,
-                      ObservedData& data) {
+/// What an error of the clock that lasts does.
+struct ClockEffect {
+  std::optional<std::size_t> clock;  ///< of `Measurements::clocks`
+  Eigen::MatrixXd rate;              ///< n × n_t, per unit of time; empty: nothing
+};
+
+/// The model at the times of the data, with what is known given.
+ClockEffect place(const Project& project, const model::SeparatedModel& model,
+                  const std::vector<posterior::Prior>& priors, const std::string& source,
+                  ObservedData& data) {
   likelihood::Measurements& m = data.measurements;
   Placed placed = project.clock.empty()
                       ? Placed{model::at_steps(*data.observed,
                                                likelihood::match_times(m.time, data.observed->time, source)),
+                               {},
                                {}}
                       : place_by_clock(project, model, source, m, *data.observed);
   std::span<const model::Axis> axes = model.contents().axes;
@@ -216,11 +250,11 @@ Eigen::MatrixXd place(const Project& project, const model::SeparatedModel& model
     data.known.insert(data.known.begin(), m.series.at(project.known[k].name).values.back());
   }
   const auto transform = likelihood::truncated_to_box(placed.model, priors);
-  Eigen::MatrixXd lasting;
+  ClockEffect lasting{placed.clock, {}};
   for (const Placed::Error& error : placed.errors) {
     if (error.lasts)
-      lasting = likelihood::mean_rates(error.rate, *transform) *
-                Eigen::Map<const Eigen::VectorXd>(error.std.data(), std::ssize(error.std)).asDiagonal();
+      lasting.rate = likelihood::mean_rates(error.rate, *transform) *
+                     Eigen::Map<const Eigen::VectorXd>(error.std.data(), std::ssize(error.std)).asDiagonal();
     else
       m.noise = likelihood::with_clock_error(m.noise, error.rate, *transform, error.std);
   }
@@ -230,59 +264,97 @@ Eigen::MatrixXd place(const Project& project, const model::SeparatedModel& model
   return lasting;
 }
 
-/// The standard deviations of the project for the series of its data file.
+std::string files_of(const Project& project) {
+  std::vector<std::string> files;
+  if (project.pictures.folder.empty()) files.push_back(project.data);
+  for (const DataSource& source : project.sources) files.push_back(source.file);
+  return fmt::format("{}", fmt::join(files, " and "));
+}
+
+/// The standard deviations of the project for the series of its data files.
 void set_series_std(const Project& project, likelihood::Measurements& recorded) {
   for (const auto& [name, std] : project.series_std) {
     const auto found = recorded.series.find(name);
     if (found == recorded.series.end()) {
       std::vector<std::string> names;
       for (const auto& [other, series] : recorded.series) names.push_back(other);
-      throw project.error_at(
-          "data.std." + name,
-          fmt::format("{} has no series \"{}\"{}; it has {}", project.data, name, did_you_mean(name, names),
-                      names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
+      throw project.error_at("data.std." + name,
+                             fmt::format("{} has no series \"{}\"{}; it has {}", files_of(project), name,
+                                         did_you_mean(name, names),
+                                         names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
     }
     found->second.std = std;
   }
 }
 
-}  // namespace
-
-likelihood::Measurements read_recorded(const Project& project, const model::ModelContents& model) {
-  const bool fields = !project.fields.files.empty();
-  likelihood::Measurements recorded =
-      fields ? measure_fields(project, model).measurements : likelihood::read_measurements(project.data);
-  if (project.fields.beside.empty())
-    set_series_std(project, recorded);
-  else
-    add_series_beside(project, project.fields.beside, recorded);
-  return recorded;
+/// The displacements of a source as series, each of a sensor of its own: what is wrong with the camera, its
+/// scale or its reference picture, is not wrong with them.
+void make_series_of_displacements(const std::string& name, likelihood::Measurements& recorded) {
+  if (!recorded.noise.measurement().is_independent())
+    throw DataError(
+        fmt::format("[data.sources.{}]: its displacements have correlated noise: only those of "
+                    "the pictures, fields or data.file may",
+                    name));
+  const Eigen::VectorXd std = recorded.noise.measurement().standard_deviations();
+  const model::Sensors& sensors = recorded.sensors;
+  for (std::size_t i = 0; i < sensors.displacement_count(); ++i) {
+    const std::string label = (name.empty() ? "file" : name) + "." + sensors.label(i);
+    const Eigen::VectorXd row = recorded.values.row(i);
+    recorded.series[label] = {{row.begin(), row.end()}, std[i], {}, "m", {}, {}};
+    const auto point = sensors.point(i);
+    recorded.gauges.push_back({label, "", {point.begin(), point.end()}, {sensors.components[i]}, {1}, "m"});
+  }
 }
 
-void add_series_beside(const Project& project, const std::string& path, likelihood::Measurements& measured) {
-  const char* const what = project.fields.files.empty() ? "pictures" : "fields";
-  likelihood::Measurements recorded = likelihood::read_measurements(path);
-  if (recorded.values.rows() > 0)
-    throw DataError(fmt::format(
-        "{}: it holds displacements, but beside [data] {} only its series are read: leave them out, or "
-        "give a gauge as a series with a table [data.sensors]",
-        path, what));
+/// What a source recorded, at the times of `measured`.
+void add_source(const Project& project, const DataSource& source, likelihood::Measurements& measured) {
+  likelihood::Measurements recorded = likelihood::read_measurements(source.file);
+  make_series_of_displacements(source.name, recorded);
+  const std::size_t clock = measured.clocks.size();
+  measured.clocks.push_back({source.name, source.time_offset_std, source.time_drift_std});
+  measured.gauges.insert(measured.gauges.end(), recorded.gauges.begin(), recorded.gauges.end());
+  const double span = measured.time.empty() ? 0 : measured.time.back() - measured.time.front();
+  const double window = source.time_offset_std + source.time_drift_std * span;
   bool overlaps = false;
   for (const auto& [name, series] : recorded.series) {
+    if (measured.series.contains(name))
+      throw DataError(fmt::format("{}: its series \"{}\" is in another file of [data] too: leave one out",
+                                  source.file, name));
     MeasuredSeries& here = measured.series[name] =
-        likelihood::interpolate_series(series, recorded.time, measured.time);
+        likelihood::interpolate_series(series, recorded.time, measured.time, window);
+    here.clock = clock;
     overlaps = overlaps || std::any_of(here.values.begin(), here.values.end(),
                                        [](double value) { return !std::isnan(value); });
   }
-  set_series_std(project, measured);
+  const char* const what = !project.fields.files.empty()     ? "fields"
+                           : project.pictures.folder.empty() ? "data file"
+                                                             : "pictures";
   if (!overlaps && !recorded.time.empty() && !measured.time.empty())
     throw DataError(
         fmt::format("{}: its times, {} to {}, and those of the {}, {} to {}, have none in common: both "
-                    "must be read "
-                    "from one clock ([data] time_offset_std is for what is left between two)",
-                    path, recorded.time.front(), recorded.time.back(), what, measured.time.front(),
+                    "must be read from one clock (\"time_offset_std\" is for what is left between two)",
+                    source.file, recorded.time.front(), recorded.time.back(), what, measured.time.front(),
                     measured.time.back()));
-  measured.series_time_std = project.time_offset_std;
+}
+
+}  // namespace
+
+likelihood::Measurements read_recorded(const Project& project, const model::ModelContents& model) {
+  return project.fields.files.empty() ? likelihood::read_measurements(project.data)
+                                      : measure_fields(project, model).measurements;
+}
+
+std::vector<model::ScalarObservation> sensors_of(const Project& project,
+                                                 const likelihood::Measurements& measured) {
+  std::vector<model::ScalarObservation> sensors = project.sensors;
+  sensors.insert(sensors.end(), measured.gauges.begin(), measured.gauges.end());
+  return sensors;
+}
+
+void add_sources(const Project& project, likelihood::Measurements& measured) {
+  for (const DataSource& source : project.sources)
+    if (!source.file.empty()) add_source(project, source, measured);
+  set_series_std(project, measured);
 }
 
 ObservedData observe_data(const Project& project, const model::SeparatedModel& model,
@@ -293,13 +365,17 @@ ObservedData observe_data(const Project& project, const model::SeparatedModel& m
   likelihood::Measurements& m = data.measurements;
   data.observed = std::make_shared<const model::ObservedModel>(model::observe(model, m.sensors));
   add_series(project, model, source, data);
-  Eigen::MatrixXd by_clock;
+  ClockEffect by_clock;
   if (project.clock.empty() && project.known.empty())
     data.time_indices = likelihood::match_times(
         m.time, data.observed->time, project.pictures.folder.empty() ? source : project.pictures.folder);
   else
     by_clock = place(project, model, priors, source, data);
-  m.noise = with_shared_errors(m, by_clock);
+  Eigen::MatrixXd expected;
+  if (!m.clocks.empty() && project.clock.empty() && project.known.empty())
+    expected = likelihood::mean_rates(model::rates_at_times(*data.observed, m.time),
+                                      *likelihood::truncated_to_box(*data.observed, priors));
+  m.noise = with_shared_errors(m, by_clock.clock, by_clock.rate, expected);
   m.noise = with_motion(project.fields, m);
   return data;
 }

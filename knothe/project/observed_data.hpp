@@ -20,14 +20,17 @@ struct ObservedData {
   std::vector<std::string> unused;        ///< series of the file that nothing was made of: they have no std
 };
 
-/// Into `measured`, of pictures (without their values so far) or fields, the series of the file `path` at
-/// their times, with the standard deviations of the project. Errors: DataError where the file has
-/// displacements, or no time in common; ProjectError for a standard deviation of a name that no series has.
-void add_series_beside(const Project& project, const std::string& path, likelihood::Measurements& measured);
+/// What the project's sources recorded, into `measured`, at its times (of pictures, without their values so
+/// far): series, and displacements, each as a series of a sensor of its own; then the standard deviations of
+/// the project. Errors: DataError where a source has no time in common, a series that is there already, or
+/// correlated noise; ProjectError for a standard deviation of a name that no series has.
+void add_sources(const Project& project, likelihood::Measurements& measured);
 
-/// The project's data file, or its fields and the file beside them; series with the standard deviations of
-/// the project. Errors: those of `read_measurements` and `measure_fields`; ProjectError for a name that no
-/// series has.
+/// The sensors of the project, and those that its data bring.
+[[nodiscard]] std::vector<model::ScalarObservation> sensors_of(const Project& project,
+                                                               const likelihood::Measurements& measured);
+
+/// The project's data file, or its fields. Errors: those of `read_measurements` and `measure_fields`.
 [[nodiscard]] likelihood::Measurements read_recorded(const Project& project,
                                                      const model::ModelContents& model);
 

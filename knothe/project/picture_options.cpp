@@ -282,11 +282,6 @@ PictureOptions read_pictures(Values& values) {
   Recorded recorded = data_section().read(values);
   Given p = dic_section().read(values);
   p.folder = std::move(recorded.folder), p.times = std::move(recorded.times);
-  const bool beside = !p.folder.empty() || values.has_table("data.fields");
-  if (values.has("data.time_offset_std") && !(beside && values.has("data.file")))
-    values.complain("data.time_offset_std",
-                    "\"data.time_offset_std\" is that of \"data.file\" against \"data.pictures\" or "
-                    "[data.fields]: it needs both");
   if (std::adjacent_find(p.times.begin(), p.times.end(), std::greater_equal<>()) != p.times.end())
     values.complain("data.times", "\"data.times\" must increase");
   if (p.folder.empty()) {

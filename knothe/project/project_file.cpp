@@ -28,16 +28,12 @@ const Section<Project>& project_section() {
           file);
     s.table("data", "The measurements; `data = \"D.h5\"` is short for `[data] file = \"D.h5\"`.");
     s.add("data.file", &P::data,
-          "Measurements, HDF5 (`.h5`) or CSV (`.csv`); beside `data.pictures` the series (force, stroke, …) "
-          "recorded with them, at any rate.",
+          "Measurements, HDF5 (`.h5`) or CSV (`.csv`); beside `data.pictures` what was recorded with them "
+          "(force, stroke, …), at any rate.",
           file);
-    s.table("data.std", "Standard deviations of series of the data file, where it has none or another.");
+    s.table("data.std", "Standard deviations of series of the data files, where these have none or another.");
     s.add("data.std.*", &P::series_std, "Standard deviation of the series of that name, in its unit.",
           positive);
-    s.add("data.time_offset_std", &P::time_offset_std,
-          "Standard deviation of the offset, constant but unknown, between the clock of the data file and "
-          "that of the pictures, in their unit of time.",
-          non_negative);
     s.add("data.clock", &P::clock,
           "Output of the model whose measured series gives the model time of each datum, e.g. "
           "`\"imposed_displacement\"`; the times in the data file then only give the order "
@@ -103,7 +99,7 @@ Project parse_project(const std::string& text, const std::string& path) {
   if (values.has_table("observations")) project.observations = read_observations(values);
   project.pictures = read_pictures(values);
   project.fields = read_field_options(values);
-  if (!project.fields.files.empty()) project.data = project.fields.files;
+  read_sources(values, project);
   if (values.has_table("offline")) project.offline = read_offline(values);
   if (values.has_table("simulate")) project.simulate = read_simulate(values);
   project.select = read_select(values);

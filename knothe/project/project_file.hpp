@@ -33,6 +33,13 @@ struct KnownParameter {
   std::optional<double> value;  ///< for forecasts and fields; else the last one measured
 };
 
+/// A file recorded beside the pictures, the fields or the first data file, by a clock of its own.
+struct DataSource {
+  std::string name;  ///< empty: `data.file` beside pictures or fields
+  std::string file;  ///< resolved
+  double time_offset_std = 0, time_drift_std = 0;
+};
+
 struct Project {
   std::string path;                     ///< as given
   std::string folder;                   ///< paths are relative to it
@@ -41,8 +48,8 @@ struct Project {
   std::vector<std::string> candidates;  ///< further models to compare it with, resolved
   std::string data;                     ///< measurements (or the fields), resolved; empty if none
   std::string clock;                    ///< output that tells the time of the data; empty: their own times
-  std::map<std::string, double> series_std;       ///< of series of the data file, in their units
-  double time_offset_std = 0;                     ///< of the data file's clock against the pictures'
+  std::map<std::string, double> series_std;       ///< of series of all files, in their units
+  std::vector<DataSource> sources;                ///< what was recorded beside these
   std::vector<model::ScalarObservation> sensors;  ///< made of displacements
   std::string results = "results/";               ///< resolved
   std::vector<NamedPrior> parameters;             ///< those that are inferred

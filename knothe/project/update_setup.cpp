@@ -8,6 +8,7 @@
 #include "knothe/assimilation/update/compatibility.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
+#include "knothe/likelihood/data/series_interpolation.hpp"
 #include "knothe/model/reduced/known_parameter.hpp"
 #include "knothe/model/reduced/parameter_order.hpp"
 #include "knothe/model/reduced/truncation_error.hpp"
@@ -74,16 +75,15 @@ void refuse_conflicts(const Project& project, const assimilation::Features& feat
                          found.message);
 }
 
-/// The measurements' noise with the model's own error besides. `online`: every time of the model is a step.
+/// The measurements' noise with the model's own error besides.
 likelihood::NoiseModel noise_with_truncation(const Project& project, const model::SeparatedModel& model,
-                                             const ObservedData& data, bool online) {
+                                             const ObservedData& data) {
   std::vector<double> times;
   for (const std::size_t index : data.time_indices) times.push_back(data.observed->time[index]);
-  if (online) times = data.observed->time;
   return with_truncation(
       data.measurements.noise,
       model::observe_truncation(model::read_truncation_error(project.model), model.contents(), project.model,
-                                data.measurements.sensors, project.sensors, times));
+                                data.measurements.sensors, sensors_of(project, data.measurements), times));
 }
 
 /// With the project's parameters in its order, then the known ones.
@@ -155,6 +155,17 @@ bool is_fixed(const Project& project, const assimilation::Features& features) {
                      [](const KnownParameter& known) { return known.value.has_value(); });
 }
 
+/// The series that come one by one beside pictures, by one clock.
+void announce_series(const Project& project, likelihood::Measurements& measurements) {
+  const std::vector<double> nothing(measurements.time.size(), std::nan(""));
+  for (const DataSource& source : project.sources)
+    measurements.clocks.push_back({source.name, source.time_offset_std, source.time_drift_std});
+  for (const auto& [name, std] : project.series_std)
+    measurements.series[name] = {nothing, std, {}, "", nothing, {}};
+  if (measurements.clocks.empty()) return;
+  for (auto& [name, series] : measurements.series) series.clock = 0;
+}
+
 /// `features`: what it is for.
 UpdateSetup set_up(const Project& given, assimilation::Features features, bool live,
                    std::shared_ptr<PictureMeasurements> pictures = nullptr) {
@@ -177,29 +188,34 @@ UpdateSetup set_up(const Project& given, assimilation::Features features, bool l
     throw project.error_at(
         key, fmt::format("\"{}\" and \"data.file\" both say where the sensors are: give one", key));
   }
+  const bool recorded = std::any_of(project.sources.begin(), project.sources.end(),
+                                    [](const DataSource& source) { return !source.file.empty(); });
+  if (live && recorded)
+    throw project.error_at("data.sources",
+                           "[data.sources] are recorded files: beside pictures that are still "
+                           "to come [data.std] names the series, which come one by one");
   if (!pictures && (project.data.empty() || !project.pictures.folder.empty()))
     pictures = std::make_shared<PictureMeasurements>(project, whole, live);
   likelihood::Measurements measurements =
       pictures ? pictures->measurements() : read_recorded(project, whole.contents());
-  if (pictures && !project.data.empty()) add_series_beside(project, project.data, measurements);
-  if (live)  // they come one by one
-    for (const auto& [name, std] : project.series_std)
-      measurements.series[name] = {
-          std::vector<double>(measurements.time.size(), std::nan("")), std, {}, "", {}};
-  else if (project.data.empty() && !project.series_std.empty())
+  // Data that come one by one may be of any time of the model, and each of these is a step.
+  if (features[static_cast<std::size_t>(assimilation::Feature::service)])
+    measurements = likelihood::at_times(std::move(measurements), whole.contents().time);
+  if (live)
+    announce_series(project, measurements);
+  else if (pictures && project.sources.empty() && !project.series_std.empty())
     throw project.error_at("data.std",
                            "[data.std] is of the series of data.file, or of those sent to `knothe serve` "
                            "beside pictures: there are none");
+  else
+    add_sources(project, measurements);
   if (fixed)
     for (const KnownParameter& known : given.known) measurements.series.erase(known.name);
   if (project.method.offset_std > 0)
     measurements.noise = measurements.noise.with_offsets(project.method.offset_std);
   ObservedData data = observe_data(project, whole, priors, std::move(measurements),
                                    project.data.empty() ? project.pictures.folder : project.data);
-  if (project.method.truncation_error) {
-    const bool online = features[static_cast<std::size_t>(assimilation::Feature::service)];
-    data.measurements.noise = noise_with_truncation(project, whole, data, online);
-  }
+  if (project.method.truncation_error) data.measurements.noise = noise_with_truncation(project, whole, data);
   refuse_conflicts(project, features | assimilation::features_of(data.measurements.noise));
   if (!pictures) refuse_sentinels(project, data);
   assimilation::Problem problem{
@@ -222,7 +238,7 @@ UpdateSetup set_up(const Project& project) {
 UpdateSetup set_up_again(const Project& project, std::shared_ptr<PictureMeasurements> pictures, bool online) {
   assimilation::Features features;
   add(features, assimilation::Feature::service, online);
-  return set_up(project, features, false, std::move(pictures));
+  return set_up(project, features, online && project.serve.takes_pictures(), std::move(pictures));
 }
 
 UpdateSetup set_up_online(const Project& project) {

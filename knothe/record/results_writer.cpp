@@ -70,10 +70,7 @@ void ResultsWriter::add_step(const assimilation::StepResult& result,
   record["elapsed_us"]["densities"] = microseconds_since(start);
   lines_.push_back(files::json_line(record));
   steps_.push_back(retain_step(result, datum, observed_.get()));
-  const Eigen::MatrixXd* factor = measurements_.noise.step_error(result.update.step);
-  if (factor != nullptr && observed_)
-    steps_.back().error =
-        likelihood::expected_step_error(datum.values - expected_at(steps_.back()), *datum.noise, *factor);
+  if (observed_) steps_.back().error = error_beside(result, datum);
   run_.add(result.update.verdict);
 }
 
@@ -179,6 +176,22 @@ Eigen::VectorXd ResultsWriter::expected_at(const KeptStep& step) const {
   return observed_->lift.col(step.datum.time_index) +
          observed_->space * (observed_->core[step.datum.time_index] *
                              (batch.value.transpose() * step.result.weights).eval());
+}
+
+/// What errors beside the noise and the model explain of a datum: those of its step, and those that all data
+/// have together; empty without any.
+Eigen::VectorXd ResultsWriter::error_beside(const assimilation::StepResult& result,
+                                            const likelihood::Datum& datum) const {
+  Eigen::VectorXd error;
+  if (!result.lasting_errors.empty())
+    error = assimilation::expected_error(measurements_.noise.lasting(), result.update.step,
+                                         result.lasting_errors);
+  if (const Eigen::MatrixXd* factor = measurements_.noise.step_error(result.update.step)) {
+    if (error.size() == 0) error.setZero(datum.values.size());
+    error += likelihood::expected_step_error(datum.values - expected_at(steps_.back()) - error, *datum.noise,
+                                             *factor);
+  }
+  return error;
 }
 
 /// What the model leaves unexplained (Rubio et al. 2019, Eq. 16): datum − E[M(p)] under the posterior that

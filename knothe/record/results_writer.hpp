@@ -55,6 +55,8 @@ class ResultsWriter {
   [[nodiscard]] nlohmann::ordered_json parameter_summaries() const;
   [[nodiscard]] nlohmann::ordered_json load_displacement() const;
   [[nodiscard]] Eigen::VectorXd expected_at(const KeptStep& step) const;
+  [[nodiscard]] Eigen::VectorXd error_beside(const assimilation::StepResult& result,
+                                             const likelihood::Datum& datum) const;
   [[nodiscard]] nlohmann::ordered_json residuals() const;
   void add_series(nlohmann::ordered_json& record, const KeptStep& step,
                   const Eigen::VectorXd& expected) const;

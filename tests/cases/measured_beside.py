@@ -139,6 +139,93 @@ coefficients = [2.0, -0.5]
         self.assertEqual([line["used"] for line in lines], [28, 28, 28])
         self.expect_agreement(lines, self.posterior_by_quadrature(numbers))
 
+    def test_displacements_of_a_second_device_are_as_those_of_the_first(self):
+        """Half of the sensors in a file of their own, half way between whose times lie those of the first: linear in time."""
+        times = [analytic_model.time(step) for step in (1, 5, 11)]
+        self.measure(times)
+        self.use_model_times()
+        rows = read_csv(self.folder / "data.csv")
+        together = self.assimilate()
+        names = sorted({row["sensor"] for row in rows})[::2]
+        write_csv(self.folder / "data.csv", [row for row in rows if row["sensor"] not in names])
+        second = [row for row in rows if row["sensor"] in names]
+        either_side = []
+        for shift in (-0.01, 0.01):
+            either_side += [{**row, "time": float(row["time"]) + shift, "value": float(row["value"]) + 7e-4 * shift} for row in second]
+        write_csv(self.folder / "second.csv", sorted(either_side, key=lambda row: row["time"]))
+        self.edit("[parameters]", '[data.sources.lasers]\nfile = "second.csv"\n\n[parameters]')
+        apart = self.assimilate()
+        for one, other in zip(apart, together, strict=True):
+            self.assertEqual(one["used"], other["used"])
+            for k in range(2):
+                self.assertAlmostEqual(one["mean"][k], other["mean"][k], delta=1e-5 * other["covariance"][k][k] ** 0.5)
+                self.assertAlmostEqual(one["covariance"][k][k], other["covariance"][k][k], delta=1e-5 * other["covariance"][k][k])
+
+    def test_each_source_has_a_clock_of_its_own(self):
+        """A load cell that is ahead by a constant, a gauge whose clock runs fast: both are found with the parameters."""
+        self.edit("[parameters]", f'''[data.std]
+reaction_force = 10.0
+gauge = 5e-7
+
+[data.sensors.gauge]
+kind = "strain"
+from = {list(FROM)}
+to = {list(TO)}
+
+[data.sources.cell]
+file = "cell.csv"
+time_offset_std = 0.05
+[data.sources.logger]
+file = "logger.csv"
+time_offset_std = 0.05
+time_drift_std = 0.1
+
+[parameters]''')
+        ahead = {"reaction_force": lambda t: 0.04, "gauge": lambda t: -0.03 + 0.08 * (t - times[0])}
+        times = [analytic_model.time(step) for step in range(1, 11)]
+        self.measure(times)
+        self.use_model_times()
+
+        def strain(t):
+            length = math.dist(FROM, TO)
+            u = [[analytic_model.displacement(c, x, t, *TRUTH) for c in range(3)] for x in (FROM, TO)]
+            return sum((u[1][c] - u[0][c]) * (TO[c] - FROM[c]) for c in range(3)) / length ** 2
+
+        for file, name, value, std in (("cell.csv", "reaction_force", lambda t: analytic_model.reaction_force(t, *TRUTH), 10.0),
+                                       ("logger.csv", "gauge", strain, 5e-7)):
+            rows = [(t + ahead[name](t), value(t) + self.random.gauss(0, std)) for t in (k / 100 for k in range(101))]
+            (self.folder / file).write_text("\n".join([f"time,{name}", *(f"{t!r},{v!r}" for t, v in rows)]) + "\n")
+        last = self.assimilate()[-1]
+        for k in range(2):
+            self.assertLess(abs(last["mean"][k] - TRUTH[k]), 3 * last["covariance"][k][k] ** 0.5)
+        for name, truth in (("cell.time_offset", 0.04), ("logger.time_offset", -0.03), ("logger.time_drift", 0.08)):
+            found = last["nuisances"][name]
+            self.assertLess(abs(found["mean"] - truth), 3 * found["std"], name)
+            self.assertLess(found["std"], 0.03, name)
+        self.assertNotIn("cell.time_drift", last["nuisances"])
+        self.expect(0, "report", "results", "-o", "report.html")
+        self.assertRegex((self.folder / "report.html").read_text(), r"The clock of the source logger runs faster by a share of 0\.\d+")
+        for name in ("cell", "logger"):  # as if there were one clock
+            self.edit(f'file = "{name}.csv"\ntime_offset_std = 0.05\n', f'file = "{name}.csv"\n')
+        self.edit("time_drift_std = 0.1\n", "")
+        self.assimilate(status=8)
+
+    def test_what_a_source_cannot_be_is_told(self):
+        self.measure([analytic_model.time(3), analytic_model.time(5)], lambda i, t: [("reaction_force", 400.0 + i, 60.0)])
+        self.use_model_times()
+        self.edit("[parameters]", '[data.sources.cell]\nfile = "cell.csv"\n\n[parameters]')
+        self.expect(4, "assimilate", self.project_name, stderr=["cell.csv"])
+        cell = self.folder / "cell.csv"
+        cell.write_text("time,reaction_force\n0.0,0.0\n1.0,900.0\n")
+        self.expect(4, "assimilate", self.project_name, stderr=['cell.csv: its series "reaction_force" is in another file of [data] too'])
+        cell.write_text("time,imposed_displacement\n5.0,0.0\n6.0,900.0\n")
+        self.expect(4, "assimilate", self.project_name, stderr=["cell.csv: its times, 5 to 6", "those of the data file"])
+        self.edit("[data]\n", "[data]\ntime_drift_std = 0.1\n")
+        self.expect(3, "check", self.project_name, stderr=[self.position_of("time_drift_std"), "it needs both"])
+        self.edit("time_drift_std = 0.1\n", "")
+        self.edit('file = "cell.csv"', 'fil = "cell.csv"')
+        self.expect(3, "check", self.project_name, stderr=["data.sources.cell", '"file"'])
+
     def test_series_that_nobody_knows_and_sensors_without_values_are_named(self):
         times = [analytic_model.time(3)]
         self.measure(times, lambda i, t: [("reaction_forze", 400.0, 1.0)])

@@ -15,6 +15,48 @@ from support import read_csv, write_csv
 
 
 class Test(ServiceCase):
+    def test_a_source_with_a_clock_of_its_own_is_as_in_a_batch(self):
+        """A load cell whose clock is off, its file read where the sensors are; also where the recorded data end early."""
+        force = [(k / 100, analytic_model.reaction_force(k / 100 - 0.04, 1.05, 0.9)) for k in range(101)]
+        (self.folder / "cell.csv").write_text("\n".join(["time,reaction_force", *(f"{t!r},{v!r}" for t, v in force)]) + "\n")
+        self.edit('data = "data.h5"\n', "")
+        self.edit("[parameters]", '''[data]
+file = "data.csv"
+[data.std]
+reaction_force = 10.0
+[data.sources.cell]
+file = "cell.csv"
+time_offset_std = 0.05
+
+[parameters]''')
+        batch = self.assimilate()
+        for datum in self.data:
+            after = next(k for k in range(1, 101) if force[k][0] >= datum["time"] - 1e-9)
+            (t0, v0), (t1, v1) = force[after - 1], force[after]
+            datum["values"].append(v0 + (v1 - v0) * (datum["time"] - t0) / (t1 - t0))
+        for is_whole, tolerance in ((True, 1e-6), (False, 1.0)):  # in standard deviations; else the model's rates are used
+            if not is_whole:
+                rows = read_csv(self.folder / "data.csv")
+                write_csv(self.folder / "data.csv", [row for row in rows if float(row["time"]) < 0.5])
+                (self.folder / "cell.csv").write_text("time,reaction_force\n0.0,0.0\n0.3,400.0\n")
+                for path in self.folder.glob("*.journal*"):
+                    path.unlink()
+            with self.subTest(is_whole=is_whole):
+                service = self.serve()
+                for datum in self.data:
+                    self.expect_stored(service.send(datum))
+                service.settled(12)
+                states = service.states()
+                service.stop()
+                for one, other in zip(states, batch, strict=True):
+                    for k in range(2):
+                        self.assertAlmostEqual(one["mean"][k], other["mean"][k], delta=tolerance * other["covariance"][k][k] ** 0.5)
+                    self.assertEqual(one["verdict"]["level"], "ok")
+                    offset, expected = one["nuisances"]["cell.time_offset"], other["nuisances"]["cell.time_offset"]
+                    if is_whole:
+                        self.assertAlmostEqual(offset["mean"], expected["mean"], delta=tolerance * expected["std"])
+                self.assertLess(abs(offset["mean"] - 0.04), 3 * offset["std"])
+
     def test_the_lines_are_those_of_assimilate(self):
         expected = [comparable(line) for line in self.assimilate()]
         service = self.serve()

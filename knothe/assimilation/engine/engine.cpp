@@ -107,10 +107,8 @@ StepResult Engine::posterior_at(std::size_t step) {
   if (method_->sensors() != nullptr) result.sensors = *method_->sensors();
   if (setup_.watches_sensors) watch_sensors(step, result);
   if (!candidates_.empty()) compare_models(step, result);
-  if (const auto* update = method_->update()) {
-    if (result.update.bias_corrected) result.bias = update->bias();
-    result.lasting_errors = update->lasting_errors();
-  }
+  if (const auto* update = method_->update(); update != nullptr && result.update.bias_corrected)
+    result.bias = update->bias();
   setup_.scores.add_posterior(step, result.update.time, result.update.points, result.update.weights);
   assess(step, result);
   return result;
@@ -173,6 +171,8 @@ void Engine::assess(std::size_t step, StepResult& result) {
   AssessedPosterior posterior{result.update, made ? *made : update->functions(), nullptr, nullptr, false,
                               result.stuck};
   posterior.latest = method_->form_of(step);
+  if (const auto* any = method_->update()) result.lasting_errors = any->lasting_errors(posterior.functions);
+  posterior.lasting_errors = result.lasting_errors;
   posterior.corrected = update != nullptr && update->is_corrected();
   if (update != nullptr && update->changes().possible()) {
     std::vector<std::size_t> steps;

@@ -36,10 +36,9 @@ EstimatedBias SequentialUpdate::bias() const {
   return bias;
 }
 
-std::vector<EstimatedError> SequentialUpdate::lasting_errors() const {
+std::vector<EstimatedError> SequentialUpdate::lasting_errors(const likelihood::PosteriorFunctions& w) const {
   const auto step = store_.steps().find(result_.step);
   if (step == store_.steps().end() || step->second.lasting_errors.mean.size() == 0) return {};
-  const likelihood::PosteriorFunctions& w = functions();
   if (w.mean.size() == 0) return {};
   const Eigen::MatrixX2d moments =
       step->second.lasting_errors.moments(w.mean - store_.projector().central_functions(), w.factor);

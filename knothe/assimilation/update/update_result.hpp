@@ -2,10 +2,12 @@
 /// @file What a sequential update answers after each datum.
 #include <Eigen/Core>
 #include <cstddef>
+#include <span>
 #include <string>
 
 #include "knothe/assimilation/monitor/evidence_monitor.hpp"
 #include "knothe/assimilation/verdict/verdict.hpp"
+#include "knothe/likelihood/noise/noise_model.hpp"
 #include "knothe/posterior/posterior.hpp"
 
 namespace knothe::assimilation {
@@ -25,6 +27,16 @@ struct EstimatedError {
   std::string name;
   double mean = 0, std = 0;
 };
+
+/// What `errors`, those of `lasting`, add to the values of step `step` by their means, n.
+[[nodiscard]] inline Eigen::VectorXd expected_error(const likelihood::LastingErrors& lasting,
+                                                    std::size_t step,
+                                                    std::span<const EstimatedError> errors) {
+  Eigen::VectorXd standardised(std::ssize(errors));
+  for (Eigen::Index k = 0; k < standardised.size(); ++k)
+    standardised[k] = errors[k].mean / lasting.errors[k].std;
+  return lasting.factors.at(step) * standardised;
+}
 
 /// A correction of the model's bias; what does not apply is empty.
 struct EstimatedBias {

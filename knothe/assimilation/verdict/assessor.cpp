@@ -122,7 +122,8 @@ ResidualReport Assessor::examine(const AssessedPosterior& posterior,
                                  std::span<const likelihood::DatumPointer> data) {
   const Index parameters = priors_.dimension();
   ResidualReport report =
-      tests_.examine(data, posterior.functions.mean, posterior.update.noise_level.value_or(1.0), parameters);
+      tests_.examine(data, posterior.functions.mean, posterior.update.noise_level.value_or(1.0), parameters,
+                     posterior.lasting_errors);
   if (robust_.is_active() && tests_.noise().measurement().is_independent()) {
     Eigen::MatrixXd scores = report.scores;
     if (robust_.gate > 0) {

@@ -41,6 +41,7 @@ struct AssessedPosterior {
   const likelihood::StepForm* latest = nullptr;
   bool corrected = false;  ///< some of the data were assimilated with the corrected model
   std::span<const Eigen::Index> stuck = {};
+  std::span<const EstimatedError> lasting_errors = {};  ///< those of the noise, or none
 };
 
 /// The verdict of one posterior. Cost at 60 dofs: some 50 µs, and milliseconds where the data do not fit.

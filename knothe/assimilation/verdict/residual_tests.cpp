@@ -187,7 +187,8 @@ std::string ResidualTests::name_of(Index sensor) const {
 }
 
 ResidualReport ResidualTests::examine(std::span<const likelihood::DatumPointer> data,
-                                      const Eigen::VectorXd& w, double level, Index parameters) {
+                                      const Eigen::VectorXd& w, double level, Index parameters,
+                                      std::span<const EstimatedError> lasting) {
   const Index n = noise_.size(), m = std::ssize(data);
   Eigen::MatrixXd residuals(n, m);
   if (!rows_.empty()) {
@@ -208,6 +209,7 @@ ResidualReport ResidualTests::examine(std::span<const likelihood::DatumPointer> 
     const likelihood::Datum& datum = *data[k];
     auto residual = residuals.col(k);
     residual += datum.values - model_->lift.col(datum.time_index);
+    if (!lasting.empty()) residual -= expected_error(noise_.lasting(), datum.step, lasting);
     Index present = measured_;
     if (std::isnan(residual.sum()))
       for (Index i = 0; i < n; ++i)

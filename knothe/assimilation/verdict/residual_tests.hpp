@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/assimilation/update/update_result.hpp"
 #include "knothe/likelihood/data/data_set.hpp"
 #include "knothe/likelihood/noise/noise_model.hpp"
 #include "knothe/model/observe/observed_model.hpp"
@@ -73,9 +74,10 @@ class ResidualTests {
                 model::Sensors sensors);
 
   /// At the functions `w` (r; the posterior mean). `level`: factor of all variances. `parameters`: how many
-  /// values the fit can absorb.
+  /// values the fit can absorb. `lasting`: what the data say of the errors they have together, or nothing.
   [[nodiscard]] ResidualReport examine(std::span<const likelihood::DatumPointer> data,
-                                       const Eigen::VectorXd& w, double level, Eigen::Index parameters);
+                                       const Eigen::VectorXd& w, double level, Eigen::Index parameters,
+                                       std::span<const EstimatedError> lasting = {});
   /// The same for scores that are known (those of a report, changed; 0: missing), independent noise.
   [[nodiscard]] ResidualReport examine_scores(Eigen::MatrixXd scores, Eigen::Index parameters) const;
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "knothe/likelihood/noise/noise_model.hpp"
+#include "knothe/model/observe/scalar_observations.hpp"
 #include "knothe/model/observe/sensors.hpp"
 
 namespace knothe::likelihood {
@@ -20,6 +21,16 @@ struct MeasuredSeries {
   std::vector<double> shared_std;
   std::string units;         ///< of the values; empty: not said
   std::vector<double> rate;  ///< n_t, change per unit of time, where values are interpolated; else empty
+  /// Of `Measurements::clocks`, where it was timed by another clock than the displacements.
+  std::optional<std::size_t> clock;
+};
+
+/// A clock beside that of the displacements: it is ahead of that by a + b (t − t₀), t₀ the first time, with
+/// a and b unknown.
+struct SeriesClock {
+  std::string name;       ///< of the source; empty: there is but one
+  double offset_std = 0;  ///< of a, in units of the time; 0: exact
+  double drift_std = 0;   ///< of b
 };
 
 /// What a data file holds (docs/interfaces of the project, section 4). SI units.
@@ -29,9 +40,8 @@ struct Measurements {
   model::Sensors sensors;    ///< rows of the values; scalars are in `series` until they are observed
   NoiseModel noise;
   std::map<std::string, MeasuredSeries> series;  ///< `/outputs/NAME`
-  /// Of a constant by which the times of all series are ahead of those of the displacements, in units of
-  /// `time`; their `rate` says what it does. 0: none.
-  double series_time_std = 0;
+  std::vector<SeriesClock> clocks;               ///< of series; their `rate` says what an error of one does
+  std::vector<model::ScalarObservation> gauges;  ///< what series measure, where their file says it
   std::map<std::string, double>
       truth;  ///< true parameters of synthetic data, `/truth/NAME`; empty for real data
 

@@ -7,10 +7,15 @@
 namespace knothe::likelihood {
 
 /// `series`, measured at the times `from` (increasing), at the times `to`: linear between the values on
-/// either side, with their rate of change. NaN (missing) before the first value, behind the last, and beside
-/// a missing one; times that agree to 1e-9 of the range are equal. The standard deviations stay as they are:
-/// that of a mean of two values is less.
+/// either side, with their rate of change: the slope of the line that fits best those within `window` of the
+/// time, and those on either side. (From neighbours alone a rate of noisy values is noise.) NaN (missing)
+/// before the first value, behind the last, and beside a missing one; times that agree to 1e-9 of the range
+/// are equal. The standard deviations stay as they are: that of a mean of two values is less.
 [[nodiscard]] MeasuredSeries interpolate_series(const MeasuredSeries& series, std::span<const double> from,
-                                                std::span<const double> to);
+                                                std::span<const double> to, double window = 0);
+
+/// `measured` at the times `to`: displacements where the times agree (to 1e-6 of a step), missing at others;
+/// series as by `interpolate_series`.
+[[nodiscard]] Measurements at_times(Measurements measured, std::span<const double> to);
 
 }  // namespace knothe::likelihood

@@ -81,11 +81,15 @@ void add_parameters(Page& page, const record::Results& results) {
   if (!any) page.note("The results hold no marginal densities, so their figure is left out.");
   for (const assimilation::EstimatedError& error : results.steps.back().lasting_errors) {
     const std::string value = record::with_uncertainty(error.mean, error.std);
-    page.note(
-        error.name == "time_offset"
-            ? fmt::format("The data file's clock is {} ahead of the pictures', in their unit of time.", value)
-            : fmt::format("The error that all values of {} share is {} of its standard deviations.",
-                          error.name, value));
+    const std::size_t dot = error.name.rfind('.');
+    const std::string whose = dot == std::string::npos ? "data file" : "source " + error.name.substr(0, dot);
+    if (error.name.ends_with("time_offset"))
+      page.note(fmt::format("The clock of the {} is {} ahead, in the data's unit of time.", whose, value));
+    else if (error.name.ends_with("time_drift"))
+      page.note(fmt::format("The clock of the {} runs faster by a share of {}.", whose, value));
+    else
+      page.note(fmt::format("The error that all values of {} share is {} of its standard deviations.",
+                            error.name, value));
   }
 }
 
