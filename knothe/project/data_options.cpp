@@ -13,8 +13,10 @@ namespace {
 using posterior::Prior;
 
 struct SensorOptions {
-  enum class Kind { strain, opening, combination } kind = Kind::strain;
-  std::vector<double> from, to;
+  enum class Kind { strain, opening, strain_in_window, combination } kind = Kind::strain;
+  std::vector<double> from, to, at;
+  std::string strain;
+  double window = 0;
   std::vector<std::vector<double>> points;
   std::vector<int> components;
   std::vector<double> coefficients;
@@ -22,8 +24,10 @@ struct SensorOptions {
 
 constexpr auto names_of(SensorOptions::Kind /*kind*/) {
   using Kind = SensorOptions::Kind;
-  return std::to_array<Named<Kind>>(
-      {{Kind::strain, "strain"}, {Kind::opening, "opening"}, {Kind::combination, "combination"}});
+  return std::to_array<Named<Kind>>({{Kind::strain, "strain"},
+                                     {Kind::opening, "opening"},
+                                     {Kind::strain_in_window, "strain-in-window"},
+                                     {Kind::combination, "combination"}});
 }
 
 const Section<SensorOptions>& sensor_section() {
@@ -31,10 +35,19 @@ const Section<SensorOptions>& sensor_section() {
   static const Section<S> k_section("data.sensors.*", "A sensor of that name.", [](Section<S>& s) {
     s.add("kind", &S::kind,
           "Relative displacement of two points along the line between them, divided by their distance "
-          "(`strain`) or in metres (`opening`); or a weighted sum of displacements (`combination`).",
+          "(`strain`) or in metres (`opening`); the strain that image correlation states at a point "
+          "(`strain-in-window`); or a weighted sum of displacements (`combination`).",
           required);
     s.add("from", &S::from, "First point of a strain gauge or an opening, [x, y, z], m.");
     s.add("to", &S::to, "Second point of it.");
+    s.add("at", &S::at, "Point of a strain in a window, [x, y, z], m.");
+    s.add("strain", &S::strain,
+          "Which strain in a window: `xx`, `yy`, `zz`, `xy`, `xz` or `yz` (of a shear half the angle).",
+          no_default);
+    s.add("window", &S::window,
+          "Width of the square that the strain is fitted over, m: of image correlation the virtual strain "
+          "gauge.",
+          positive, no_default);
     s.add("points", &S::points, "Points of a combination, [[x, y, z], …], m.");
     s.add("components", &S::components, "Component at each of these points, `x`, `y` or `z`.",
           of_shape(k_component_words));
@@ -142,12 +155,31 @@ model::ScalarObservation combination(Values& values, const SensorOptions& o, con
   return sensor;
 }
 
+model::ScalarObservation strain_in_window(Values& values, const SensorOptions& o, const std::string& path) {
+  const auto at = point_of(values, o.at, path, "at");
+  static const std::string k_axes = "xyz";
+  const auto axis = [&](std::size_t i) { return k_axes.find(o.strain[i]); };
+  if (o.strain.size() != 2 || axis(0) > axis(1) || axis(1) == std::string::npos) {
+    values.complain(path + ".strain", fmt::format("[{}] needs \"strain\", one of \"xx\", \"yy\", \"zz\", "
+                                                  "\"xy\", \"xz\", \"yz\"",
+                                                  path));
+    return {};
+  }
+  if (!(o.window > 0)) {
+    values.complain(path, fmt::format("[{}] needs \"window\", its width in m", path));
+    return {};
+  }
+  return model::ScalarObservation::strain_in_window(path, at, o.window, {int(axis(0)), int(axis(1))});
+}
+
 model::ScalarObservation read_sensor(Values& values, const std::string& name) {
   const std::string path = "data.sensors." + name;
   const SensorOptions o = sensor_section().read(values, name);
   model::ScalarObservation sensor;
   if (o.kind == SensorOptions::Kind::combination) {
     sensor = combination(values, o, path);
+  } else if (o.kind == SensorOptions::Kind::strain_in_window) {
+    sensor = strain_in_window(values, o, path);
   } else {
     const auto from = point_of(values, o.from, path, "from"), to = point_of(values, o.to, path, "to");
     try {

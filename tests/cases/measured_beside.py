@@ -210,6 +210,36 @@ time_drift_std = 0.1
         self.edit("time_drift_std = 0.1\n", "")
         self.assimilate(status=8)
 
+    def test_a_strain_of_image_correlation_has_the_window_that_it_was_fitted_over(self):
+        """As the weighted sum of displacements that a plane of least squares is, written down here."""
+        at, window, side = (0.01, 0.055, 0.05), 0.012, 9
+        offsets = [((i + 0.5) / side - 0.5) * window for i in range(side)]
+        squares = side * sum(o * o for o in offsets)
+        terms = [((at[0] + a, at[1] + b, at[2]), c, (b if c == "x" else a) / squares / 2) for a in offsets for b in offsets for c in "xy"]
+        head = "[data.sensors.shear]\n"
+        plain = head + f'''kind = "combination"
+points = {[list(p) for p, _, _ in terms]}
+components = {json.dumps([c for _, c, _ in terms])}
+coefficients = {[w for _, _, w in terms]}
+'''
+        windowed = head + f'kind = "strain-in-window"\nat = {list(at)}\nstrain = "xy"\nwindow = {window}\n'
+        self.measure([analytic_model.time(step) for step in (1, 5, 11)], lambda i, t: [
+            ("shear", sum(w * analytic_model.displacement("xyz".index(c), p, t, *TRUTH) for p, c, w in terms), 3e-5)])
+        self.use_model_times()
+        self.edit("[parameters]", windowed + "\n[parameters]")
+        lines = self.assimilate()
+        self.assertEqual([line["used"] for line in lines], [25, 25, 25])
+        self.edit(windowed, plain)
+        for one, other in zip(lines, self.assimilate(), strict=True):
+            for k in range(2):
+                self.assertAlmostEqual(one["mean"][k], other["mean"][k], delta=1e-9)
+        self.edit(plain, windowed)
+        for old, new, text in ((f"window = {window}", "window = 0.0", "window"), ('strain = "xy"', 'strain = "yx"', '"xx", "yy", "zz"'),
+                               (f"at = {list(at)}", "at = [0.0]", '"at" = [x, y, z]'), (f"window = {window}\n", "", 'needs "window"')):
+            self.edit(old, new)
+            self.expect(3, "check", self.project_name, stderr=text)
+            self.edit(new, old) if new else None
+
     def test_what_a_source_cannot_be_is_told(self):
         self.measure([analytic_model.time(3), analytic_model.time(5)], lambda i, t: [("reaction_force", 400.0 + i, 60.0)])
         self.use_model_times()

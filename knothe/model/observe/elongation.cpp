@@ -29,4 +29,33 @@ ScalarObservation ScalarObservation::elongation(const std::string& name, std::sp
   return sensor;
 }
 
+ScalarObservation ScalarObservation::strain_in_window(const std::string& name, std::span<const double, 3> at,
+                                                      double window, std::array<int, 2> axes) {
+  if (!(window > 0)) throw UsageError(fmt::format("sensor \"{}\": its window has no width", name));
+  constexpr int k_side = 9;  // points
+  const auto [a, b] = axes;
+  const std::array<int, 2> plane = a != b ? axes : std::array{0, a == 2 ? 2 : 1};
+  const auto offset = [&](int i) { return ((i + 0.5) / k_side - 0.5) * window; };
+  double squares = 0;  // of the offsets along an axis
+  for (int i = 0; i < k_side; ++i) squares += k_side * offset(i) * offset(i);
+  ScalarObservation sensor;
+  sensor.name = name;
+  sensor.units = "1";
+  for (int i = 0; i < k_side; ++i) {
+    for (int j = 0; j < k_side; ++j) {
+      const std::array<double, 2> moved = {offset(i), offset(j)};
+      const auto add = [&](int component, int along) {
+        std::array<double, 3> point = {at[0], at[1], at[2]};
+        for (int k = 0; k < 2; ++k) point[plane[k]] += moved[k];
+        sensor.points.insert(sensor.points.end(), point.begin(), point.end());
+        sensor.components.push_back(component);
+        sensor.coefficients.push_back(moved[along == plane[0] ? 0 : 1] / squares / (a == b ? 1 : 2));
+      };
+      add(a, b);
+      if (a != b) add(b, a);
+    }
+  }
+  return sensor;
+}
+
 }  // namespace knothe::model

@@ -255,5 +255,39 @@ TEST(ScalarObservations, AreTheModelsOutputsAndDifferencesInBothForms) {
               HasSubstr("has no output \"forze\""));
 }
 
+/// Of a displacement with all terms up to the third degree: the plane's slope is the derivative at the centre
+/// and, of the cubic terms, what the mean squares over the window give (h²/5 of x³ / h², h²/3 of x y² / h²).
+TEST(ScalarObservations, AStrainInAWindowIsTheSlopeOfThePlaneThatFitsBest) {
+  const std::array<double, 3> at = {0.4, -0.2, 0.1};
+  constexpr double k_window = 0.02, k_half = k_window / 2;
+  const auto displacement = [&](std::int64_t component, const double* point) {
+    const double x = point[0] - at[0], y = point[1] - at[1], z = point[2] - at[2];
+    if (component == 0)
+      return 7 + 3 * x - 5 * y + 40 * x * y - 30 * y * y + 2e4 * x * x * x + 1e4 * x * y * y + z;
+    if (component == 1) return 2 - 4 * y + 6 * x + 25 * x * x - 35 * x * y;
+    return 1 + 8 * z + 11 * x - 2 * y;
+  };
+  const auto strain = [&](std::array<int, 2> axes) {
+    const auto sensor = ScalarObservation::strain_in_window("s", at, k_window, axes);
+    double sum = 0;
+    for (std::size_t k = 0; k < sensor.coefficients.size(); ++k) {
+      EXPECT_LE(std::abs(sensor.points[3 * k] - at[0]), k_half);
+      sum += sensor.coefficients[k] * displacement(sensor.components[k], &sensor.points[3 * k]);
+    }
+    return sum;
+  };
+  const double square = k_half * k_half;
+  EXPECT_NEAR(strain({0, 0}), 3 + 2e4 * 3 * square / 5 + 1e4 * square / 3, 0.03 * 2e4 * square);
+  EXPECT_NEAR(strain({1, 1}), -4, 1e-10);
+  EXPECT_NEAR(strain({2, 2}), 8, 1e-10);
+  EXPECT_NEAR(strain({0, 1}), 0.5 * (-5 + 6), 1e-10);
+  EXPECT_NEAR(strain({0, 2}), 0.5 * (1 + 11), 1e-10);
+  EXPECT_NEAR(strain({1, 2}), 0.5 * (0 - 2), 1e-10);
+  EXPECT_THAT(message_of<UsageError>([&] {
+                (void)ScalarObservation::strain_in_window("s", at, 0, {0, 0});
+              }),
+              HasSubstr("its window has no width"));
+}
+
 }  // namespace
 }  // namespace knothe::model

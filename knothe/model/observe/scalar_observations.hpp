@@ -1,6 +1,7 @@
 #pragma once
 /// @file Sensors that see one number: an output of the model (a load cell), or a linear combination of
 /// displacements (a strain gauge, the opening of a crack's mouth).
+#include <array>
 #include <span>
 #include <string>
 #include <vector>
@@ -22,6 +23,12 @@ struct ScalarObservation {
   /// their distance where `strain`. UsageError where they are the same point.
   [[nodiscard]] static ScalarObservation elongation(const std::string& name, std::span<const double, 3> from,
                                                     std::span<const double, 3> to, bool strain);
+  /// Strain ½ (∂u_a/∂b + ∂u_b/∂a), `axes` {a, b}, as image correlation states it: the slopes of the plane
+  /// that fits displacements best over a square window about `at`, `window` m wide, a coordinate plane that
+  /// has both axes (of one axis: x and y, or x and z). UsageError for a window that has no width.
+  [[nodiscard]] static ScalarObservation strain_in_window(const std::string& name,
+                                                          std::span<const double, 3> at, double window,
+                                                          std::array<int, 2> axes);
 };
 
 /// `observed` with a row per sensor added, in order. An output, known on the grid of the parameters at each
