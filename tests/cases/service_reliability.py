@@ -1,5 +1,6 @@
 """`knothe serve`: that nothing is lost, whatever happens to it."""
 import http.client
+import math
 import os
 import pathlib
 import random
@@ -12,8 +13,12 @@ import threading
 import time
 import unittest
 
+import analytic_model
 from service_support import Events, ServiceCase, comparable
 from support import parse_line
+
+
+FROM, TO = (-0.03, 0.0, 0.0), (0.03, 0.05, 0.0)
 
 
 class Test(ServiceCase):
@@ -47,6 +52,63 @@ class Test(ServiceCase):
         service.settled(12)
         self.assertEqual([comparable(line) for line in service.states()], expected)
         self.assertEqual([line["data"] for line in service.states()], [1] * 12)
+
+    def test_four_sources_give_the_same_lines_to_the_bit_however_often_it_is_killed(self):
+        """A camera, a load cell, a gauge and a clip gauge, each for itself, in any order, at 20 kills: as without any."""
+        header, *rows = (self.folder / "data.csv").read_text().splitlines()
+        columns = header.split(",")
+        stds = {"reaction_force": 5.0, "gauge": 2e-5, "mouth": 2e-6}
+        noise = random.Random(5)
+        data = []
+        for k, datum in enumerate(self.data):
+            t = datum["time"]
+            true = analytic_model.reaction_force(t, 1.05, 0.9)
+            u = [[analytic_model.displacement(c, x, t, 1.05, 0.9) for c in range(3)] for x in (FROM, TO)]
+            opening = sum((u[1][c] - u[0][c]) * (TO[c] - FROM[c]) for c in range(3)) / math.dist(FROM, TO)
+            measured = {"reaction_force": true, "gauge": opening / math.dist(FROM, TO), "mouth": opening}
+            data.append({**datum, "values": datum["values"] + 3 * [None]})
+            for name, value in measured.items():
+                value += noise.gauss(0, stds[name])
+                data.append({"source": name, "session": "s", "seq": k, "time": t, "series": {name: value}})
+                row = {"time": repr(t), "sensor": name, "component": name, "value": repr(value), "std": repr(stds[name])}
+                rows.append(",".join(row.get(column, "") for column in columns))
+        (self.folder / "data.csv").unlink()  # it is the fixture's
+        (self.folder / "data.csv").write_text("\n".join([header] + rows) + "\n")
+        ends = f"from = {list(FROM)}\nto = {list(TO)}\n"
+        self.edit('data = "data.h5"\n', "")
+        self.edit("[parameters]", f'[data]\nfile = "data.csv"\n[data.sensors.gauge]\nkind = "strain"\n{ends}[data.sensors.mouth]\nkind = "opening"\n{ends}\n[parameters]')
+
+        def lines_of(service):
+            for datum in data:
+                self.assertEqual(service.send(datum)[0], 200)
+            for key in service.get("/v1/quarantine")[1]["quarantined"]:
+                service.post("/v1/quarantine", {k: key[k] for k in ("source", "session", "seq")})
+            service.settled(len(data))
+            return [comparable(line) for line in service.states()]
+
+        service = self.serve()
+        expected = lines_of(service)
+        service.stop()
+        for path in self.folder.glob("*.journal*"):
+            path.unlink()
+        chance = random.Random(11)
+        service.start()
+        for kill in range(20):
+            order = sorted(range(len(data)), key=lambda k: k + 8 * chance.random())
+            stop = threading.Timer(0.002 + 0.08 * chance.random(), service.kill)
+            stop.start()
+            connection = service.connection()
+            try:
+                for k in order[: 1 + 3 * kill]:
+                    service.send(data[k], connection)
+            except (OSError, http.client.HTTPException):
+                pass  # it was killed in the middle
+            connection.close()
+            stop.join()
+            service.start()
+        self.assertEqual(lines_of(service), expected)
+        self.assertEqual([line["data"] for line in service.states()], [4] * 12)
+        self.assertEqual(expected[-1]["verdict"]["level"], "ok")
 
     def test_a_full_disk_is_507_and_passes(self):
         def limit():
