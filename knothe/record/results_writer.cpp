@@ -248,6 +248,8 @@ void ResultsWriter::write_summary(const std::string& path, double elapsed_s) con
                   {"project", project_.text},
                   {"project_file", project_.path},
                   {"model", project_.model},
+                  {"model_path", std::filesystem::proximate(
+                                     project_.model, std::filesystem::path(path).parent_path())},
                   {"data", project_.data},
                   {"seed", project_.method.seed},
                   {"method", to_text(project_.method.kind)},
