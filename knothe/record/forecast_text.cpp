@@ -57,10 +57,10 @@ std::string forecast_text(const assimilation::NamedForecast& named,
     return to_decimals_of(factor * f.std, factor * value);
   };
   const double above = f.probability_above_threshold;
-  std::string text = fmt::format("{} at {}{}: {}, most probable {}, 95 % in [{}, {}]", named.name,
-                                 horizon_text(named.horizon, loading), named.is_past ? " (past: an estimate, not a forecast)" : "",
-                                 value_text(f.mean, f.std, named.units), number(f.maximum_a_posteriori),
-                                 number(f.values.front()), number(f.values.back()));
+  std::string text = fmt::format(
+      "{} at {}{}: {}, most probable {}, 95 % in [{}, {}]", named.name, horizon_text(named.horizon, loading),
+      named.is_past ? " (past: an estimate, not a forecast)" : "", value_text(f.mean, f.std, named.units),
+      number(f.maximum_a_posteriori), number(f.values.front()), number(f.values.back()));
   if (named.threshold_stated)
     text += fmt::format("; threshold {}{}: P(above) {}, P(below) {}", plain(factor * named.threshold), unit,
                         probability_text(above), probability_text(1 - above));

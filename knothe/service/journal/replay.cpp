@@ -177,8 +177,9 @@ void replay_journal(const std::string& path, const std::string& project_path, bo
     } else {
       fmt::print("after step {}: ", step);
       for (Eigen::Index k = 0; k < result.update.mean.size(); ++k)
-        fmt::print(" {} {}", opened.model.project.parameters[k].name,
-                   record::with_uncertainty(result.update.mean[k], std::sqrt(result.update.covariance(k, k))));
+        fmt::print(
+            " {} {}", opened.model.project.parameters[k].name,
+            record::with_uncertainty(result.update.mean[k], std::sqrt(result.update.covariance(k, k))));
       fmt::print("  log-evidence {:.6g}\n", result.update.log_evidence);
     }
   }

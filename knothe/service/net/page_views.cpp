@@ -110,8 +110,7 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
     parameters.push_back(parameter);
   }
   const Eigen::VectorXd& centre = site.centre();
-  const auto imposed =
-      model::loading_of(site.setup().model, project.clock, {centre.begin(), centre.end()});
+  const auto imposed = model::loading_of(site.setup().model, project.clock, {centre.begin(), centre.end()});
   Json forecasts = Json::array();
   for (const auto& specification : project.forecasts) {
     Json entry = {{"name", specification.name},

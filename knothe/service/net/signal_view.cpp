@@ -94,17 +94,18 @@ Json signal(const Site& site, const std::string& sensor, const std::string& step
   const std::size_t which = sensor_of(asked, sensors), places = sensors.displacement_count();
   const model::ObservedModel& model = *line->model->setup.problem.model;
   const std::string name = which < places ? sensors.label(which) : sensors.scalars[which - places];
-  Json answer = {{"name", name},
-                 {"units", which < places ? "m" : model::output_units(line->model->setup.model.contents(), name)},
-                 {"step", line->step},
-                 {"time", line->time},
-                 {"times", model.time},
-                 {"predicted", predicted({model, Eigen::Index(which), some_draws(line->samples)},
-                                         model.time.size(), site.noise_std()[which])},
-                 {"measured", measured(site, line->step, Eigen::Index(which))}};
+  Json answer = {
+      {"name", name},
+      {"units", which < places ? "m" : model::output_units(line->model->setup.model.contents(), name)},
+      {"step", line->step},
+      {"time", line->time},
+      {"times", model.time},
+      {"predicted", predicted({model, Eigen::Index(which), some_draws(line->samples)}, model.time.size(),
+                              site.noise_std()[which])},
+      {"measured", measured(site, line->step, Eigen::Index(which))}};
   const ServedModel& served = *line->model;
-  if (const auto imposed = model::loading_of(served.setup.model, served.project.clock,
-                                             {line->mean.begin(), line->mean.end()}))
+  if (const auto imposed =
+          model::loading_of(served.setup.model, served.project.clock, {line->mean.begin(), line->mean.end()}))
     answer["loading"] = {{"name", imposed->name}, {"units", imposed->units}, {"values", imposed->values}};
   return answer;
 }
