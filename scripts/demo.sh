@@ -17,4 +17,4 @@ echo "3/4  assimilation, step by step"
 echo "4/4  report"
 "$bin/knothe" report results -o report.html
 echo
-echo "Open $out/report.html"
+../../scripts/demo_summary.py results report.html

@@ -99,7 +99,8 @@ int assimilate(const AssimilateArguments& arguments) {
     throw Interrupted(fmt::format("interrupted after {} of {} steps; their results are in {}", output.shown(),
                                   data.size(), project.results));
   }
-  output.finish(elapsed_s, project.results);
+  output.finish(elapsed_s, project.results,
+                model::loading_of(data.setup().model, project.clock, {mean.begin(), mean.end()}));
   const bool rejected = output.verdict().level == assimilation::VerdictLevel::reject;
   return static_cast<int>(rejected ? ExitStatus::rejected : ExitStatus::done);
 }

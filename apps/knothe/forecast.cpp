@@ -5,6 +5,7 @@
 
 #include "apps/knothe/commands.hpp"
 #include "knothe/assimilation/forecast/forecaster.hpp"
+#include "knothe/base/console.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/project/project_file.hpp"
@@ -34,9 +35,12 @@ int forecast(const ForecastArguments& arguments) {
     fmt::print("{}\n", files::json_line(line));
     return 0;
   }
-  fmt::print("forecasts from the posterior after step {} (model time {:g})\n", stored.step, stored.time);
+  const Eigen::VectorXd mean = stored.points.transpose() * stored.weights;
+  const auto loading = model::loading_of(setup.model, project.clock, {mean.begin(), mean.end()});
+  fmt::print("forecasts from the posterior after step {} (at {})\n", stored.step,
+             record::horizon_text(stored.time, loading));
   for (const assimilation::NamedForecast& named : forecasts) {
-    fmt::print("  {}\n", record::forecast_text(named));
+    fmt::print("{}\n", for_people("  " + record::forecast_text(named, loading), stdout, 2));
     if (named.bridge_residual_rms) {
       fmt::print(
           "    rms difference between the elastic crack and the predicted displacements at the sensors: "

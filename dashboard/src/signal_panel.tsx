@@ -10,14 +10,17 @@ import type { Model, SignalAnswer } from "./types";
 /** More displacements are not listed one by one. */
 const mostListed = 300;
 
-/** What a list offers: the series, then the displacements. */
+/** What a list offers: the series, then the displacements, the one that is shown first among them. */
 export function signalsOf(model: Model | undefined): { value: string; label: string }[] {
   const scalars = (model?.scalars ?? []).map((name) => ({ value: name, label: name.replace(/_/g, " ") }));
   const components = model?.sensors?.components ?? [];
   const count = Math.min(mostListed, model?.displacements ?? components.length);
+  const listed = Array.from({ length: count }, (_, k) => k);
+  const first = Number(model?.signal);
+  if (first >= count) listed.push(first);
   return [
     ...scalars,
-    ...Array.from({ length: count }, (_, k) => ({
+    ...listed.map((k) => ({
       value: String(k),
       label: `sensor ${k}${components[k] ? `, u_${components[k]}` : ""}`,
     })),

@@ -196,9 +196,8 @@ export class Store {
     this.fetchDetails();
   }
 
-  /** A force or gauge before a displacement. */
   get signal(): string {
-    return this.wantedSignal ?? this.model?.scalars?.[0] ?? "0";
+    return this.wantedSignal ?? this.model?.signal ?? "0";
   }
 
   wantSignal(sensor: string): void {

@@ -106,6 +106,8 @@ export interface Model {
   /** What a measurement holds: so many displacements, then these series. */
   displacements?: number;
   scalars?: string[];
+  /** The signal to show first, by index or name. */
+  signal?: string;
   time?: { label?: string; units?: string };
   period_s?: number;
   budget_us?: number;

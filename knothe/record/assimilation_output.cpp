@@ -45,7 +45,8 @@ void add_picture(nlohmann::ordered_json& line, const project::PictureDatum& datu
   elapsed["total"] = total;
 }
 
-/// `verdict_text` with its first line in the colour of its level.
+}  // namespace
+
 std::string shown_verdict(const assimilation::Verdict& verdict, std::FILE* stream) {
   const std::string text = verdict_text(verdict);
   const std::size_t end = std::min(text.find('\n'), text.size());
@@ -55,8 +56,6 @@ std::string shown_verdict(const assimilation::Verdict& verdict, std::FILE* strea
                                                           : Colour::red;
   return coloured(text.substr(0, end), colour, stream) + text.substr(end);
 }
-
-}  // namespace
 
 AssimilationOutput::AssimilationOutput(bool json, std::vector<model::Axis> axes, std::size_t steps)
     : json_(json), live_(!json && isatty(STDERR_FILENO) == 1), axes_(std::move(axes)), steps_(steps) {}
@@ -166,7 +165,8 @@ void AssimilationOutput::tell_largest_shift() const {
                for_people(fmt::format("not in these intervals: {} (report: all inputs)", text), stdout, 2));
 }
 
-void AssimilationOutput::finish(double elapsed_s, const std::string& results_folder) {
+void AssimilationOutput::finish(double elapsed_s, const std::string& results_folder,
+                                const std::optional<model::Loading>& loading) {
   if (json_) {
     const nlohmann::ordered_json last = {{"done", true},
                                          {"steps", shown_},
@@ -179,7 +179,7 @@ void AssimilationOutput::finish(double elapsed_s, const std::string& results_fol
   fmt::print("{} in {:.2f} s, untrusted: {}; results in {}\n", counted(shown_, "step"), elapsed_s,
              untrusted_.empty() ? "none" : fmt::format("{}", fmt::join(untrusted_, ", ")), results_folder);
   for (const assimilation::NamedForecast& forecast : forecasts_)
-    fmt::print("{}\n", for_people(forecast_text(forecast), stdout, 2));
+    fmt::print("{}\n", for_people(forecast_text(forecast, loading), stdout, 2));
   if (!models_.empty()) fmt::print("{}\n", assimilation::comparison_text(models_));
   tell_largest_shift();
   fmt::print("{}\n", for_people(shown_verdict(verdict(), stdout), stdout, 2));

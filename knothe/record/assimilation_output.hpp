@@ -1,5 +1,6 @@
 #pragma once
 /// @file What `knothe assimilate` prints while it happens: JSON lines, or a live line and a table for people.
+#include <cstdio>
 #include <optional>
 #include <set>
 #include <string>
@@ -7,10 +8,14 @@
 
 #include "knothe/assimilation/engine/input_errors.hpp"
 #include "knothe/assimilation/engine/step_result.hpp"
+#include "knothe/model/reduced/loading.hpp"
 #include "knothe/project/picture_measurements.hpp"
 #include "knothe/project/refinement.hpp"
 
 namespace knothe::record {
+
+/// `verdict_text`, its first line in the colour of its level where `stream` is a terminal that has colours.
+[[nodiscard]] std::string shown_verdict(const assimilation::Verdict& verdict, std::FILE* stream);
 
 class AssimilationOutput {
  public:
@@ -27,8 +32,9 @@ class AssimilationOutput {
   void report_refinement(const project::Refinement& refinement);
   /// What errors of the inputs would do to the last posterior.
   void report_input_errors(std::vector<assimilation::InputShift> shifts) { shifts_ = std::move(shifts); }
-  /// All steps are done.
-  void finish(double elapsed_s, const std::string& results_folder);
+  /// All steps are done; `loading` names the horizons of the forecasts.
+  void finish(double elapsed_s, const std::string& results_folder,
+              const std::optional<model::Loading>& loading);
   [[nodiscard]] assimilation::Verdict verdict() const { return run_.verdict(); }  ///< of the steps so far
   [[nodiscard]] std::size_t shown() const { return shown_; }
 

@@ -44,17 +44,23 @@ std::string probability_text(double probability) {
   return fmt::format("{:.3g} %", 100 * probability);
 }
 
-std::string forecast_text(const assimilation::NamedForecast& named) {
+std::string horizon_text(double horizon, const std::optional<model::Loading>& loading) {
+  const std::optional<double> imposed = loading ? loading->at(horizon) : std::nullopt;
+  return imposed ? given_text(*imposed, loading->units) : "time " + plain(horizon);
+}
+
+std::string forecast_text(const assimilation::NamedForecast& named,
+                          const std::optional<model::Loading>& loading) {
   const assimilation::ScalarForecast& f = named.forecast;
   const auto [factor, unit] = readable_unit(std::max(std::abs(f.mean), f.std), named.units);
   const auto number = [&, factor = factor](double value) {
     return to_decimals_of(factor * f.std, factor * value);
   };
   const double above = f.probability_above_threshold;
-  std::string text = fmt::format("{} at time {:g}{}: {}, most probable {}, 95 % in [{}, {}]", named.name,
-                                 named.horizon, named.is_past ? " (past: an estimate, not a forecast)" : "",
-                                 value_text(f.mean, f.std, named.units), number(f.maximum_a_posteriori),
-                                 number(f.values.front()), number(f.values.back()));
+  std::string text = fmt::format(
+      "{} at {}{}: {}, most probable {}, 95 % in [{}, {}]", named.name, horizon_text(named.horizon, loading),
+      named.is_past ? " (past: an estimate, not a forecast)" : "", value_text(f.mean, f.std, named.units),
+      number(f.maximum_a_posteriori), number(f.values.front()), number(f.values.back()));
   if (named.threshold_stated)
     text += fmt::format("; threshold {}{}: P(above) {}, P(below) {}", plain(factor * named.threshold), unit,
                         probability_text(above), probability_text(1 - above));

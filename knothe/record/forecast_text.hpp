@@ -1,8 +1,10 @@
 #pragma once
 /// @file Numbers as the console says them.
+#include <optional>
 #include <string>
 
 #include "knothe/assimilation/forecast/forecaster.hpp"
+#include "knothe/model/reduced/loading.hpp"
 
 namespace knothe::record {
 
@@ -16,7 +18,11 @@ namespace knothe::record {
 /// "12.3 %", "< 0.1 %", "> 99.9 %": of samples, none of them above does not mean never.
 [[nodiscard]] std::string probability_text(double probability);
 
+/// "0.12 mm", of what is imposed, where that is known and rises; else "time 0.3".
+[[nodiscard]] std::string horizon_text(double horizon, const std::optional<model::Loading>& loading);
+
 /// A forecast with its horizon, its 95 % interval, and the probabilities on either side of its threshold.
-[[nodiscard]] std::string forecast_text(const assimilation::NamedForecast& forecast);
+[[nodiscard]] std::string forecast_text(const assimilation::NamedForecast& forecast,
+                                        const std::optional<model::Loading>& loading);
 
 }  // namespace knothe::record

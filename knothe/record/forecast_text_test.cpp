@@ -39,14 +39,26 @@ TEST(ForecastText, SaysHorizonThresholdAndBothProbabilities) {
   tip.forecast.mean = -4.012e-4, tip.forecast.std = 1.23e-6, tip.forecast.maximum_a_posteriori = -4.01e-4;
   tip.forecast.values = {-4.036e-4, -4.02e-4, -4.012e-4, -4.004e-4, -3.988e-4};
   tip.forecast.probability_above_threshold = 1;
-  EXPECT_EQ(forecast_text(tip),
+  EXPECT_EQ(forecast_text(tip, std::nullopt),
             "tip at time 0.3: −0.4012 ± 0.0012 mm, most probable −0.4010, 95 % in [−0.4036, −0.3988]; "
             "threshold −0.5 mm: P(above) > 99.9 %, P(below) < 0.1 %");
   tip.threshold_stated = false;
-  EXPECT_EQ(forecast_text(tip),
-            "tip at time 0.3: −0.4012 ± 0.0012 mm, most probable −0.4010, 95 % in [−0.4036, −0.3988]");
+  model::Loading stroke{"imposed_displacement", "m", {0, 0.2, 0.4}, {0, 8e-5, 1.6e-4}};
+  EXPECT_EQ(forecast_text(tip, stroke),
+            "tip at 0.12 mm: −0.4012 ± 0.0012 mm, most probable −0.4010, 95 % in [−0.4036, −0.3988]");
   tip.is_past = true;
-  EXPECT_EQ(forecast_text(tip).substr(0, 53), "tip at time 0.3 (past: an estimate, not a forecast): ");
+  EXPECT_EQ(forecast_text(tip, stroke).substr(0, 52), "tip at 0.12 mm (past: an estimate, not a forecast): ");
+}
+
+TEST(ForecastText, HorizonsAreInUnitsOfWhatIsImposedWhereThatRises) {
+  const model::Loading force{"force", "N", {0, 1, 2}, {100, 300, 400}};
+  EXPECT_EQ(horizon_text(0.5, force), "200 N");
+  EXPECT_EQ(horizon_text(0, force), "100 N");
+  EXPECT_EQ(horizon_text(2, force), "400 N");
+  EXPECT_EQ(horizon_text(2.5, force), "time 2.5");
+  EXPECT_EQ(horizon_text(-1, force), "time −1");
+  EXPECT_EQ(horizon_text(0.5, model::Loading{"force", "N", {0, 1, 2}, {0, 300, 300}}), "time 0.5");
+  EXPECT_EQ(horizon_text(0.5, std::nullopt), "time 0.5");
 }
 
 TEST(PhysicalParameters, UnitsAreThoseOfTheReferenceValue) {

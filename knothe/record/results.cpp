@@ -210,7 +210,9 @@ void read_summary(const std::string& path, Results& results) {
   results.created_by = summary.text_or("created_by");
   results.project = summary.text_or("project");
   results.project_file = summary.text_or("project_file");
-  results.model = summary.text_or("model");
+  results.model = results.model_path = summary.text_or("model");
+  if (const std::string from_here = summary.text_or("model_path"); !from_here.empty())
+    results.model_path = std::filesystem::path(path).parent_path() / from_here;
   results.data = summary.text_or("data");
   results.seed = summary.text_or("seed");
   results.elapsed_s = summary.optional_number("elapsed_s");

@@ -99,6 +99,7 @@ struct Results {
   std::string folder;
   bool summary_found = false;
   std::string created_by, project, project_file, model, data;
+  std::string model_path;   ///< of the model, where it lies now if it moved together with the results
   std::string computed_at;  ///< of the last step: UTC, ISO 8601; empty in files before 0.2
   std::string seed;
   std::vector<ParameterSummary> parameters;

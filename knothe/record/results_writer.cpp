@@ -257,20 +257,22 @@ void ResultsWriter::write_summary(const std::string& path, double elapsed_s) con
   std::vector<std::size_t> untrusted;
   for (const KeptStep& kept : steps_)
     if (!kept.result.trusted) untrusted.push_back(kept.result.step);
-  Json summary = {{"created_by", k_created_by},
-                  {"project", project_.text},
-                  {"project_file", project_.path},
-                  {"model", project_.model},
-                  {"data", project_.data},
-                  {"seed", project_.method.seed},
-                  {"method", to_text(project_.method.kind)},
-                  {"form", to_text(project_.method.update.form)},
-                  {"parameters", parameter_summaries()},
-                  {"steps", steps_.size()},
-                  {"verdict", verdict_record(verdict())},
-                  {"untrusted", untrusted},
-                  {"elapsed_s", elapsed_s},
-                  {"machine", machine_record()}};
+  Json summary = {
+      {"created_by", k_created_by},
+      {"project", project_.text},
+      {"project_file", project_.path},
+      {"model", project_.model},
+      {"model_path", std::filesystem::proximate(project_.model, std::filesystem::path(path).parent_path())},
+      {"data", project_.data},
+      {"seed", project_.method.seed},
+      {"method", to_text(project_.method.kind)},
+      {"form", to_text(project_.method.update.form)},
+      {"parameters", parameter_summaries()},
+      {"steps", steps_.size()},
+      {"verdict", verdict_record(verdict())},
+      {"untrusted", untrusted},
+      {"elapsed_s", elapsed_s},
+      {"machine", machine_record()}};
   for (std::size_t k = 0; k < priors_.size(); ++k) {
     const auto prior = posterior::marginal_density(priors_[k]);
     summary["prior_marginals"][model_.contents().axes[k].name] = {{"points", prior.points},

@@ -158,6 +158,12 @@ class Displacements(ByValue):
                 f"v {np.nanmin(self.v):.3g} to {np.nanmax(self.v):.3g} px{state}>" if np.isfinite(self.u).any() else
                 f"<Displacements of {counted(len(self.u), 'node')}: nothing measured{state}>")
 
+    def _repr_html_(self) -> str:
+        rows = [(name, f"{np.nanmin(values):.3g} … {np.nanmax(values):.3g} px", f"{np.nanmean(std):.2g} px")
+                for name, values, std in (("u", self.u, self.std_u), ("v", self.v, self.std_v)) if np.isfinite(values).any()]
+        state = "" if self.converged else f"Not converged: {self.message}"
+        return _notebook.table(f"Displacements of {counted(len(self.u), 'node')}", ("", "range", "mean noise"), rows, state)
+
     def datum(self, step: int, scale: float) -> Datum:
         """The measurements for a model with y up, v positive upwards; for `Correlation.sensors`.
 

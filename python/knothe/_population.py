@@ -8,7 +8,7 @@ from typing import Any, Union
 
 import numpy as np
 
-from knothe import _knothe
+from knothe import _knothe, _notebook
 from knothe._errors import UsageError, warned
 from knothe._posterior import Posterior
 from knothe._results import Results
@@ -65,6 +65,13 @@ class Population:
 
     def __repr__(self) -> str:
         return f"<Population of {len(self.specimens)} specimens: {', '.join(self.parameters)}>"
+
+    def _repr_html_(self) -> str:
+        names = [name if coordinate == "own" else f"log {name}" for name, coordinate in zip(self.parameters, self.coordinates)]
+        estimates = {"population: mean": self.record["mean"], "population: spread": self.record["spread"], **self.specimens}
+        rows = [(name, *map(_notebook.quantity, each["mean"], each["std"]), "" if each.get("belongs", True) else "does not belong")
+                for name, each in estimates.items()]
+        return _notebook.table(repr(self).strip("<>"), ("", *names, ""), rows, self.remark)
 
 
 def _plain(results: "Sequence[Result] | Mapping[str, Result]") -> list[str | dict[str, Any]]:

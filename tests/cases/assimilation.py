@@ -1,18 +1,11 @@
 """`knothe assimilate`: the lines that outside programs read, and what they say, judged by quadrature of the formula."""
-import contextlib
-import fcntl
 import json
 import math
-import os
-import pty
 import re
-import struct
-import subprocess
-import termios
 import unittest
 
 import analytic_model
-from support import KNOTHE, Case, parse_line, read_csv, without_times, write_csv
+from support import Case, parse_line, read_csv, without_times, write_csv
 
 STEP_KEYS = ["step", "time", "mean", "covariance", "maximum_a_posteriori", "quantiles", "method", "map_order", "variance_diagnostic",
              "tolerance_reached", "ess", "verdict", "trusted", "log_evidence", "log_evidence_increment", "bias_correction", "used",
@@ -47,28 +40,12 @@ class Test(Case):
             answers.append([without_times(line) for line in self.assimilate()])
         self.assertEqual(*answers)
 
-    def on_terminal(self, **environment):
-        """What `knothe assimilate` writes on a terminal, of 80 columns: stdout and stderr as they come. The signs of y are turned."""
-        master, slave = pty.openpty()
-        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
-        known = {key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "TERM")}
-        process = subprocess.Popen([KNOTHE, "assimilate", self.project_name], cwd=self.folder, stdin=subprocess.DEVNULL, stdout=slave,
-                                   stderr=slave, env={**known, "TERM": "xterm", **environment})
-        os.close(slave)
-        written = b""
-        with contextlib.suppress(OSError):  # the end of a terminal
-            while piece := os.read(master, 65536):
-                written += piece
-        os.close(master)
-        self.assertEqual(process.wait(), 8)
-        return written.decode().replace("\r\n", "\n")
-
     def test_on_a_terminal_lines_that_stay_begin_where_the_moving_one_is_erased(self):
         rows = read_csv(self.folder / "data.csv")
         write_csv(self.folder / "turned.csv", [{**row, "value": -float(row["value"])} if row["component"] == "y" else row for row in rows])
         self.edit('data = "data.h5"', 'data = "turned.csv"')
-        written = self.on_terminal()
-        self.assertIn("\033[1;31mverdict: reject: do not use this answer\033[0m", written)
+        written = self.on_terminal(8, "assimilate", self.project_name)
+        self.assertIn("\033[1;31mResult: do not use (verdict: reject)\033[0m", written)
         erased = re.compile(r".*\r\033\[K")
         for line in written.split("\n"):
             # Of what stands in a line only the last is seen; each moving one fits into the 80 columns.
@@ -80,7 +57,7 @@ class Test(Case):
         told = [line for line in written.split("\n") if "verdict: reject" in line]
         self.assertRegex(told[0], r"(\A|\033\[K)step +\d+: \033")
         for environment in ({"NO_COLOR": "1"}, {"TERM": "dumb"}):
-            self.assertNotIn("\033[1;", self.on_terminal(**environment))
+            self.assertNotIn("\033[1;", self.on_terminal(8, "assimilate", self.project_name, **environment))
 
     def test_each_line_has_the_keys_and_shapes_of_the_interface(self):
         lines = self.assimilate()

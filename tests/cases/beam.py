@@ -2,9 +2,12 @@
 import json
 import math
 import os
+import re
+import subprocess
+import sys
 import unittest
 
-from support import Case, read_csv, without_times, write_csv
+from support import REPOSITORY, Case, read_csv, without_times, write_csv
 
 
 class Test(Case):
@@ -118,6 +121,22 @@ class Test(Case):
         page = (self.folder / "report.html").read_text()
         for word in ("crack", "Ad", "Y0"):
             self.assertIn(word, page)
+
+    def test_the_last_lines_of_the_demo_say_what_was_seen(self):
+        lines = self.assimilate()
+        said = subprocess.run([sys.executable, REPOSITORY / "scripts" / "demo_summary.py", "results", "report.html"], cwd=self.folder,
+                              capture_output=True, text=True, check=True).stdout.splitlines()
+        self.assertEqual(len(said), 5)
+        right = [line["verdict"]["level"] for line in lines].count("ok")
+        self.assertRegex(said[0], rf"^Result: usable.*; verdict ok at {right} of 50 steps\.$")
+        early, late = (lines[i]["forecast"]["crack"] for i in (11, 49))  # of 0.4 mm in 50 steps
+        found = re.fullmatch(r"Crack at 0\.12 mm: ([\d.]+) ± ([\d.]+) mm by the forecast at 0\.096 mm, ([\d.]+) ± ([\d.]+) mm after all data\.", said[2])
+        for text, value, std in zip(found.groups(), (early["mean"], early["std"], late["mean"], late["std"]), 2 * [early["std"]] + 2 * [late["std"]]):
+            self.assertAlmostEqual(float(text), 1e3 * value, delta=51 * std)
+        for k, name in enumerate(("Y0", "Ad")):
+            mean, std = map(float, re.search(rf"{name} = ([\d.]+) ± ([\d.]+)", said[1]).groups())
+            self.assertAlmostEqual(mean, lines[-1]["mean"][k], delta=0.051 * std)
+        self.assertIn(str(self.folder / "report.html"), said[3])
 
 
 if __name__ == "__main__":

@@ -471,6 +471,10 @@ class Test(CaseInItsFolder):
     def test_a_notebook_shows_numbers_in_tables_and_no_markup_of_others(self):
         correlation = knothe.Correlation(speckle(0, 0), element_size=24)
         self.assertIn("<td style=\"text-align:left\">", correlation._repr_html_())
+        moved = correlation.correlate(speckle(0.3, 0))
+        low, high = (float(text) for text in re.search(r">u</td>.*?>(\S+) … (\S+) px<", moved._repr_html_()).groups())
+        self.assertLess(abs(low - 0.3) + abs(high - 0.3), 0.1)
+        self.assertIn("Not converged: ", correlation.correlate(np.zeros((96, 96)))._repr_html_())
         found = knothe.infer(lambda p: p, {"<a>": knothe.Normal(0, 1)}, observed=[1.0], std=1.0)
         self.assertIn("&lt;a&gt;", found._repr_html_())
         self.assertNotIn("<a>", found._repr_html_())

@@ -49,6 +49,15 @@ class Test(CaseInItsFolder):
             judged(specimen["mean"][0], specimen["std"][0], (y * tau**2 + mu * s**2) / (s**2 + tau**2), s**2 * tau**2 / (s**2 + tau**2))
             self.assertTrue(specimen["belongs"])
 
+    def test_a_notebook_shows_the_population_and_each_specimen(self):
+        found = knothe.population({"<A>": school(10.0, 3.0), "B": school(14.0, 3.0)})
+        table = found._repr_html_()
+        for name, each in {"&lt;A&gt;": found.specimens["<A>"], "population: spread": found.record["spread"]}.items():
+            mean, std = re.search(rf">{name}</td><td[^>]*>([-\d.]+) ± ([\d.]+)<", table).groups()
+            self.assertAlmostEqual(float(mean), each["mean"][0], delta=0.051 * each["std"][0])
+            self.assertAlmostEqual(float(std), each["std"][0], delta=0.051 * each["std"][0])
+        self.assertIn(found.remark.split()[0], table)
+
     def test_the_population_is_a_prior(self):
         found = knothe.population([school(y, 3.0) for y in (10.0, 14.0, 12.0, 11.0)], output="four")
         prior = knothe.PosteriorOf("four", name="effect")

@@ -79,8 +79,8 @@ class Test(Case):
 
     def test_the_console_has_digits_enough_and_says_what_a_forecast_is_for(self):
         out = self.expect(0, "forecast", self.project_name).out
-        self.assertRegex(out, r"force at time 0\.75 \(past: an estimate, not a forecast\): \d+\.?\d* ± \d[\d.]* N, most probable .*; threshold 1150 N: P\(above\) .* %, P\(below\) .* %")
-        self.assertRegex(out, r"deflection at time 1: −0\.\d{4,} ± 0\.0*[1-9]\d? mm, .*threshold −0\.37 mm: P\(above\)")
+        self.assertRegex(out, r"after step 11 \(at 0\.4 mm\)\n  force at 0\.3 mm \(past: an estimate, not a forecast\): \d+\.?\d* ± \d[\d.]* N, most probable .*; threshold 1150 N: P\(above\) .* %, P\(below\) .* %")
+        self.assertRegex(out, r"deflection at 0\.4 mm: −0\.\d{4,} ± 0\.0*[1-9]\d? mm, .*threshold −0\.37 mm: P\(above\)")
         self.assertNotRegex(out, r"e-\d")
         table = self.expect(0, "assimilate", self.project_name).out
         self.assertRegex(table, r"step  11  Y0 1\.\d+ ± 0\.\d+ .*force [\d.]+ ± [\d.]+ N")
@@ -125,6 +125,19 @@ class Test(Case):
         self.assertNotIn("@import", page)
         for word in ("Y0", "Ad", "force", "deflection"):
             self.assertIn(word, page)
+
+    def test_the_report_finds_the_model_from_another_folder_and_after_both_were_moved(self):
+        self.own_copy("model.h5")
+        self.assimilate()
+        self.expect(0, "report", "results", "-o", "report.html")
+        page = (self.folder / "report.html").read_text()
+        self.assertIn("Separated in the tree form", page)
+        moved, elsewhere = self.folder / "moved", self.folder / "elsewhere"
+        moved.mkdir(), elsewhere.mkdir()
+        for name in ("results", "model.h5"):
+            shutil.move(self.folder / name, moved / name)
+        self.expect(0, "report", moved / "results", "-o", "again.html", cwd=elsewhere)
+        self.assertEqual((elsewhere / "again.html").read_text(), page)
 
     def test_a_report_of_an_empty_folder_is_refused(self):
         (self.folder / "empty").mkdir()

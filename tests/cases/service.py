@@ -75,6 +75,10 @@ time_offset_std = 0.05
             service.send(datum)
         service.settled(12)
         before = [comparable(line) for line in service.states()]
+        over_noise = [abs(v) / s["std"] for v, s in zip(self.data[-1]["values"], service.get("/v1/mesh")[1]["sensors"])]
+        first = int(service.get("/v1/description")[1]["signal"])
+        self.assertGreater(over_noise[first], 0.9 * max(over_noise))
+        self.assertNotEqual(first, 0)
         service.kill()
         service.start()
         service.settled(12)
@@ -252,6 +256,7 @@ time_offset_std = 0.05
         self.assertEqual([comparable(line) for line in service.states()][:10], expected[:10])
         self.assertEqual(service.get("/v1/states?from=10")[1][0]["missing"], 1)
         self.assertEqual(service.get("/v1/mesh")[1]["scalars"], [{"name": "reaction_force", "std": 5.0}])
+        self.assertEqual(service.get("/v1/description")[1]["signal"], "reaction_force")
         self.assertEqual(len(service.get("/v1/field?name=residual&step=3")[1]["values"]), 24)
         self.check_signal(service)
         seen = service.get("/v1/observations?step=3")[1]
@@ -334,7 +339,10 @@ time_offset_std = 0.05
             self.assertEqual(service.get("/v1/quarantine")[1]["quarantined"], held)
         lines = self.expect(0, "replay", "assimilation.journal", "--json").lines()
         self.assertEqual([comparable(line) for line in lines[:-1]], expected)
-        self.assertIn("13 records, 1 in quarantine", self.expect(0, "replay", "assimilation.journal").out)
+        said = self.on_terminal(0, "replay", "assimilation.journal")
+        self.assertIn("13 records, 1 in quarantine", said)
+        self.assertIn("\033[1;32mResult: usable (verdict: ok)\033[0m", said)
+        self.assertNotIn("\033[1;", self.on_terminal(0, "replay", "assimilation.journal", NO_COLOR="1"))
         self.expect_stored(service.post("/v1/quarantine", self.key_of(wrong)), 7)
         service.settled(13)
         released = [comparable(line) for line in service.states()]

@@ -11,12 +11,14 @@ import json
 import math
 import os
 import pathlib
+import pty
 import shutil
 import signal
 import struct
 import subprocess
 import sys
 import tempfile
+import termios
 import unittest
 
 KNOTHE = os.environ["KNOTHE"]
@@ -136,6 +138,22 @@ class Case(unittest.TestCase):
             self.assertNotIn("internal error", outcome.err)
             self.assertEqual(outcome.out, "")
         return outcome
+
+    def on_terminal(self, status, *arguments, **environment):
+        """What knothe writes on a terminal of 80 columns: stdout and stderr as they come; the exit status must be `status`."""
+        master, slave = pty.openpty()
+        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+        known = {key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "TERM")}
+        process = subprocess.Popen([KNOTHE, *map(str, arguments)], cwd=self.folder, stdin=subprocess.DEVNULL, stdout=slave, stderr=slave,
+                                   env={**known, "TERM": "xterm", **environment})
+        os.close(slave)
+        written = b""
+        with contextlib.suppress(OSError):  # the end of a terminal
+            while piece := os.read(master, 65536):
+                written += piece
+        os.close(master)
+        self.assertEqual(process.wait(), status)
+        return written.decode().replace("\r\n", "\n")
 
     @contextlib.contextmanager
     def running(self, *arguments, program=KNOTHE):

@@ -72,7 +72,7 @@ class Test(Case):
         rows = iter(range(10**6))
         self.use(lambda row: row.update(value="1.0") if next(rows) == 24 * 3 + 7 else None)
         message = self.expect(8, "assimilate", self.project_name).err
-        self.assertIn("step 3: verdict: reject: do not use this answer", message)
+        self.assertIn("step 3: Result: do not use (verdict: reject)", message)
 
     def test_check_opens_model_and_data(self):
         out = self.expect(0, "check", self.project_name).out

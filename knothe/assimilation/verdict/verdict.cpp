@@ -46,9 +46,10 @@ void RunVerdict::forget_model() {
 }
 
 std::string verdict_text(const Verdict& verdict) {
-  std::string text = verdict.level == VerdictLevel::ok        ? "verdict: ok"
-                     : verdict.level == VerdictLevel::caution ? "verdict: caution"
-                                                              : "verdict: reject: do not use this answer";
+  std::string text = verdict.level == VerdictLevel::ok ? "Result: usable (verdict: ok)"
+                     : verdict.level == VerdictLevel::caution
+                         ? "Result: usable with caveats (verdict: caution)"
+                         : "Result: do not use (verdict: reject)";
   for (const VerdictReason& reason : verdict.reasons)
     text += fmt::format("\n  {} ({}): {}", to_text(reason.part), to_text(reason.level), reason.message);
   return text;

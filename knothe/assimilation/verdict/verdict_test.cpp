@@ -48,8 +48,8 @@ TEST(RunVerdict, IsTheWorstOfTheLastTenth) {
   ASSERT_EQ(verdict.reasons.size(), 2u);  // each part once
   EXPECT_EQ(verdict.reasons[0].part, VerdictPart::bias);
   EXPECT_EQ(verdict.reasons[1].part, VerdictPart::range);
-  EXPECT_EQ(verdict_text(Verdict{}), "verdict: ok");
-  EXPECT_EQ(verdict_text(verdict).substr(0, 40), "verdict: reject: do not use this answer\n");
+  EXPECT_EQ(verdict_text(Verdict{}), "Result: usable (verdict: ok)");
+  EXPECT_EQ(verdict_text(verdict).substr(0, 37), "Result: do not use (verdict: reject)\n");
 }
 
 TEST(RunVerdict, AfterARefinementOnlyRejectedValuesStand) {

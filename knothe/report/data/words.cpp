@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cctype>
-#include <functional>
 
 #include "knothe/record/forecast_text.hpp"
 #include "knothe/record/number_text.hpp"
@@ -16,21 +15,6 @@ std::string with_capital(std::string text) {
   if (!text.empty() && text[0] >= 'a' && text[0] <= 'z') text[0] = text[0] - 'a' + 'A';
   std::replace(text.begin(), text.end(), '_', ' ');
   return text;
-}
-
-/// " at 0.12 mm", of what is imposed, where that is known and rises; else " at time 0.3".
-std::string horizon_text(const record::Results& results, double horizon) {
-  const std::vector<double>&times = results.curve_time, &imposed = results.displacement;
-  const std::size_t after = std::lower_bound(times.begin(), times.end(), horizon) - times.begin();
-  const bool rises =
-      std::adjacent_find(imposed.begin(), imposed.end(), std::greater_equal<>()) == imposed.end();
-  if (imposed.size() != times.size() || after == times.size() || !rises || (after == 0 && horizon < times[0]))
-    return " at time " + record::plain(horizon);
-  double value = imposed[after];
-  if (after > 0)
-    value -=
-        (imposed[after] - imposed[after - 1]) * (times[after] - horizon) / (times[after] - times[after - 1]);
-  return " at " + record::given_text(value, "m");
 }
 
 }  // namespace
@@ -78,7 +62,8 @@ ForecastScale forecast_scale(const record::Results& results, const std::string& 
   scale.crack = summary.quantity == "crack_length" || (summary.quantity.empty() && name.find("crack") == 0);
   scale.title = scale.crack ? "Equivalent elastic crack length" : with_capital(name);
   if (summary.horizon)
-    scale.title += horizon_text(results, *summary.horizon);
+    scale.title += " at " + record::horizon_text(*summary.horizon, model::Loading{"", "m", results.curve_time,
+                                                                                  results.displacement});
   else if (scale.crack && name != "crack")
     scale.title += " (" + name + ")";
   const UnitScale shown = unit_scale(scale.crack ? "m" : summary.unit);

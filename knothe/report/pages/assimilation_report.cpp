@@ -311,7 +311,7 @@ std::string assimilation_report(const record::Results& results, const model::Sep
 void write_assimilation_report(const std::string& results_folder, const std::string& model_path,
                                const std::string& output) {
   const record::Results results = record::read_results(results_folder);
-  const std::string path = model_path.empty() ? results.model : model_path;
+  const std::string path = model_path.empty() ? results.model_path : model_path;
   std::unique_ptr<model::SeparatedModel> model;
   std::string problem = "no model file is named in summary.json";
   if (!path.empty()) {

@@ -8,11 +8,14 @@
 #include <filesystem>
 
 #include "knothe/base/cancellation.hpp"
+#include "knothe/base/console.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/sha256.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/files/numbers.hpp"
+#include "knothe/record/assimilation_output.hpp"
+#include "knothe/record/number_text.hpp"
 #include "knothe/record/results_writer.hpp"
 #include "knothe/record/step_record.hpp"
 #include "knothe/service/journal/journal.hpp"
@@ -174,8 +177,9 @@ void replay_journal(const std::string& path, const std::string& project_path, bo
     } else {
       fmt::print("after step {}: ", step);
       for (Eigen::Index k = 0; k < result.update.mean.size(); ++k)
-        fmt::print(" {} {:.4g} ± {:.2g}", opened.model.project.parameters[k].name, result.update.mean[k],
-                   std::sqrt(result.update.covariance(k, k)));
+        fmt::print(
+            " {} {}", opened.model.project.parameters[k].name,
+            record::with_uncertainty(result.update.mean[k], std::sqrt(result.update.covariance(k, k))));
       fmt::print("  log-evidence {:.6g}\n", result.update.log_evidence);
     }
   }
@@ -188,7 +192,8 @@ void replay_journal(const std::string& path, const std::string& project_path, bo
                                          {"elapsed_s", elapsed}};
     fmt::print("{}\n", files::json_line(last));
   } else {
-    fmt::print("{}\nreplayed in {:.2f} s\n", verdict_text(run.verdict()), elapsed);
+    fmt::print("{}\nreplayed in {:.2f} s\n",
+               for_people(record::shown_verdict(run.verdict(), stdout), stdout, 2), elapsed);
   }
 }
 

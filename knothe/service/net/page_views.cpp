@@ -5,12 +5,12 @@
 #include <algorithm>
 #include <charconv>
 #include <filesystem>
-#include <functional>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/picture_bytes.hpp"
 #include "knothe/model/reduced/field_file.hpp"
+#include "knothe/model/reduced/loading.hpp"
 #include "knothe/model/reduced/model_matrices.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
 #include "knothe/service/journal/test_journals.hpp"
@@ -33,20 +33,6 @@ Json reference_of(std::span<const model::Axis> axes, const std::string& name) {
     return reference;
   }
   return nullptr;
-}
-
-/// {value, units} of what is imposed at a model time; null where it does not rise.
-Json loading_at(double time, const std::vector<double>& times, const Json& imposed) {
-  if (imposed.is_null()) return nullptr;
-  const auto values = imposed["values"].get<std::vector<double>>();
-  if (std::adjacent_find(values.begin(), values.end(), std::greater_equal<>()) != values.end())
-    return nullptr;
-  const std::size_t after = std::lower_bound(times.begin(), times.end(), time) - times.begin();
-  if (after == times.size() || (after == 0 && time < times[0])) return nullptr;
-  double value = values[after];
-  if (after > 0)
-    value -= (values[after] - values[after - 1]) * (times[after] - time) / (times[after] - times[after - 1]);
-  return {{"value", value}, {"units", imposed["units"]}};
 }
 
 /// "VTK_HEXAHEDRON" → "hexahedron".
@@ -124,7 +110,7 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
     parameters.push_back(parameter);
   }
   const Eigen::VectorXd& centre = site.centre();
-  const Json imposed = loading(project, site.setup().model, {centre.begin(), centre.end()});
+  const auto imposed = model::loading_of(site.setup().model, project.clock, {centre.begin(), centre.end()});
   Json forecasts = Json::array();
   for (const auto& specification : project.forecasts) {
     Json entry = {{"name", specification.name},
@@ -135,8 +121,8 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
       entry["threshold"] = specification.threshold.value_or(specification.prior_mean);
     entry["units"] = forecast_units(contents, specification);
     if (!specification.output.empty()) entry["output"] = specification.output;
-    if (const Json at = loading_at(specification.horizon, contents.time, imposed); !at.is_null())
-      entry["loading"] = at;
+    if (const auto at = imposed ? imposed->at(specification.horizon) : std::nullopt)
+      entry["loading"] = {{"value", *at}, {"units", imposed->units}};
     forecasts.push_back(entry);
   }
   const bool on_nodes = contents.mesh && !contents.dofs.empty();
@@ -156,7 +142,8 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
                  {"times", contents.time},
                  {"time", {{"label", "model time"}, {"units", ""}}},
                  {"displacements", site.setup().measurements.sensors.displacement_count()},
-                 {"scalars", site.setup().measurements.sensors.scalars}};
+                 {"scalars", site.setup().measurements.sensors.scalars},
+                 {"signal", first_signal(site)}};
   if (const auto period = site.health().period_s()) answer["period_s"] = *period;
   answer["budget_us"] = 1e6 * site.health().budget_s();
   if (const auto stale = site.health().stale_after_s()) answer["stale_after_s"] = *stale;

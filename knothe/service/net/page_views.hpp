@@ -21,14 +21,12 @@ inline constexpr int k_picture_width = 1000;
 /// The journals of this structure's tests, as they are beside the one that is served.
 [[nodiscard]] Json tests_of(const ServedSite& served);
 [[nodiscard]] Json samples(const Site& site, const std::string& step);
+/// What to show first: the first series, else the displacement that is largest over its noise at the last
+/// model time, predicted at the priors' centre.
+[[nodiscard]] std::string first_signal(const Site& site);
 /// What a sensor (index, or name of a series) measured up to a step, and the prediction of that step's
 /// posterior at all model times.
 [[nodiscard]] Json signal(const Site& site, const std::string& sensor, const std::string& step);
-
-/// {name, units, values}: what is imposed at each model time, the clock of the data or else the stroke; null
-/// where the model does not have it.
-[[nodiscard]] Json loading(const project::Project& project, const model::SeparatedModel& model,
-                           std::vector<double> p);
 
 /// The line of that step. RequestError 404 NoState, 400 Malformed.
 [[nodiscard]] std::shared_ptr<const Line> line_of(const Site& site, const std::string& step);

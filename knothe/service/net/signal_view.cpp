@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "knothe/model/reduced/loading.hpp"
 #include "knothe/service/net/page_views.hpp"
 
 namespace knothe::service {
@@ -66,24 +67,20 @@ Json measured(const Site& site, std::size_t last, Eigen::Index sensor) {
   return {{"time", time}, {"value", value}};
 }
 
-std::string output_units(const model::ModelContents& model, const std::string& name) {
-  for (const auto& output : model.outputs)
-    if (output.name == name) return output.labels.units;
-  return "";
-}
-
 }  // namespace
 
-Json loading(const project::Project& project, const model::SeparatedModel& model, std::vector<double> p) {
-  const std::string name = project.clock.empty() ? "imposed_displacement" : project.clock;
-  const auto names = model.output_names();
-  if (std::find(names.begin(), names.end(), name) == names.end()) return nullptr;
-  const auto& contents = model.contents();
-  for (std::size_t k = 0; k < p.size(); ++k)
-    p[k] = std::clamp(p[k], contents.axes[k].nodes.front(), contents.axes[k].nodes.back());
-  return {{"name", name},
-          {"units", output_units(contents, name)},
-          {"values", model.evaluate_output(name, p).value}};
+std::string first_signal(const Site& site) {
+  const auto& scalars = site.setup().measurements.sensors.scalars;
+  if (!scalars.empty()) return scalars.front();
+  const model::ObservedModel& model = *site.setup().problem.model;
+  model::FunctionBatch functions;
+  functions.resize(1, site.centre().size(), model.functions->count(), 0);
+  model.functions->evaluate(site.centre().transpose(), 0, functions);
+  const Eigen::VectorXd last = model.lift.col(std::ssize(model.time) - 1) +
+                               model.space * (model.core.back() * functions.value.row(0).transpose());
+  Eigen::Index largest = 0;
+  (last.array() / site.noise_std().array()).abs().maxCoeff(&largest);
+  return std::to_string(largest);
 }
 
 Json signal(const Site& site, const std::string& sensor, const std::string& step) {
@@ -97,17 +94,19 @@ Json signal(const Site& site, const std::string& sensor, const std::string& step
   const std::size_t which = sensor_of(asked, sensors), places = sensors.displacement_count();
   const model::ObservedModel& model = *line->model->setup.problem.model;
   const std::string name = which < places ? sensors.label(which) : sensors.scalars[which - places];
-  Json answer = {{"name", name},
-                 {"units", which < places ? "m" : output_units(line->model->setup.model.contents(), name)},
-                 {"step", line->step},
-                 {"time", line->time},
-                 {"times", model.time},
-                 {"predicted", predicted({model, Eigen::Index(which), some_draws(line->samples)},
-                                         model.time.size(), site.noise_std()[which])},
-                 {"measured", measured(site, line->step, Eigen::Index(which))}};
+  Json answer = {
+      {"name", name},
+      {"units", which < places ? "m" : model::output_units(line->model->setup.model.contents(), name)},
+      {"step", line->step},
+      {"time", line->time},
+      {"times", model.time},
+      {"predicted", predicted({model, Eigen::Index(which), some_draws(line->samples)}, model.time.size(),
+                              site.noise_std()[which])},
+      {"measured", measured(site, line->step, Eigen::Index(which))}};
   const ServedModel& served = *line->model;
-  const Json imposed = loading(served.project, served.setup.model, {line->mean.begin(), line->mean.end()});
-  if (!imposed.is_null()) answer["loading"] = imposed;
+  if (const auto imposed =
+          model::loading_of(served.setup.model, served.project.clock, {line->mean.begin(), line->mean.end()}))
+    answer["loading"] = {{"name", imposed->name}, {"units", imposed->units}, {"values", imposed->values}};
   return answer;
 }
 

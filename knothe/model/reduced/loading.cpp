@@ -1,0 +1,35 @@
+#include "knothe/model/reduced/loading.hpp"
+
+#include <algorithm>
+#include <functional>
+
+namespace knothe::model {
+
+std::optional<double> Loading::at(double time) const {
+  const std::size_t after = std::lower_bound(times.begin(), times.end(), time) - times.begin();
+  const bool rises = std::adjacent_find(values.begin(), values.end(), std::greater_equal<>()) == values.end();
+  if (values.size() != times.size() || after == times.size() || !rises || (after == 0 && time < times[0]))
+    return std::nullopt;
+  if (after == 0) return values[0];
+  return values[after] -
+         (values[after] - values[after - 1]) * (times[after] - time) / (times[after] - times[after - 1]);
+}
+
+std::optional<Loading> loading_of(const SeparatedModel& model, const std::string& clock,
+                                  std::vector<double> p) {
+  const std::string name = clock.empty() ? "imposed_displacement" : clock;
+  const auto names = model.output_names();
+  if (std::find(names.begin(), names.end(), name) == names.end()) return std::nullopt;
+  const ModelContents& contents = model.contents();
+  for (std::size_t k = 0; k < p.size(); ++k)
+    p[k] = std::clamp(p[k], contents.axes[k].nodes.front(), contents.axes[k].nodes.back());
+  return Loading{name, output_units(contents, name), contents.time, model.evaluate_output(name, p).value};
+}
+
+std::string output_units(const ModelContents& model, const std::string& name) {
+  for (const auto& output : model.outputs)
+    if (output.name == name) return output.labels.units;
+  return "";
+}
+
+}  // namespace knothe::model

@@ -1,0 +1,27 @@
+#pragma once
+/// @file What is imposed on a specimen, by which engineers name an instant of a test.
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "knothe/model/reduced/separated_model.hpp"
+
+namespace knothe::model {
+
+struct Loading {
+  std::string name, units;
+  std::vector<double> times, values;  ///< of the model's steps
+
+  /// At a model time within `times`; nothing where the values do not rise throughout.
+  [[nodiscard]] std::optional<double> at(double time) const;
+};
+
+/// The output `clock` of a model, its imposed displacement where that is empty, at the parameters nearest to
+/// `p` in the model's box; nothing where the model does not have it.
+[[nodiscard]] std::optional<Loading> loading_of(const SeparatedModel& model, const std::string& clock,
+                                                std::vector<double> p);
+
+/// Units of an output; empty where the model does not have it.
+[[nodiscard]] std::string output_units(const ModelContents& model, const std::string& name);
+
+}  // namespace knothe::model

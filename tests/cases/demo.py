@@ -1,0 +1,39 @@
+"""What `make demo` runs: data of the full-order model at twenty truths, each with a noise of its own; the verdict and the posterior."""
+import math
+import random
+import shutil
+import unittest
+
+from support import REPOSITORY, Case
+
+TRUTH = "truth = { Y0 = %s, Ad = %s }"
+
+
+class Test(Case):
+    def test_twenty_truths_and_noises(self):
+        shutil.copy(REPOSITORY / "examples" / "beam" / "quick.toml", self.folder)
+        project = self.folder / "quick.toml"
+        self.expect(0, "offline", "quick.toml", "-o", "beam.h5", timeout=600)
+        draw = random.Random(1)
+        truths = [(1.0, 1.0)] + [(draw.uniform(0.7, 1.3), draw.uniform(0.7, 1.3)) for _ in range(19)]
+        text, right, usable, inside = project.read_text(), 0, 0, 0
+        self.assertEqual(text.count(TRUTH % truths[0]), 1)
+        for seed, truth in enumerate(truths, 1):
+            project.write_text(text.replace(TRUTH % truths[0], TRUTH % truth))
+            self.expect(0, "simulate", "quick.toml", "-o", "data.h5", "--seed", str(seed))
+            *lines, run = self.run_knothe("assimilate", "quick.toml", "--json").lines()
+            levels = [line["verdict"]["level"] for line in lines]
+            last = lines[-1]
+            off = [(m - t) / math.sqrt(last["covariance"][k][k]) for k, (m, t) in enumerate(zip(last["mean"], truth))]
+            print(truth, "off by", [f"{z:.1f}" for z in off], "std;", run["verdict"]["level"], {level: levels.count(level) for level in set(levels)})
+            right += set(levels) == {"ok"}
+            usable += run["verdict"]["level"] == "ok"
+            inside += max(map(abs, off)) < 2.24  # both of two independent ones: 95 %
+        print(f"of 20: ok from the first step to the last {right}, ok at the end {usable}, truth inside {inside}")
+        self.assertGreaterEqual(right, 18)
+        self.assertGreaterEqual(usable, 18)
+        self.assertGreaterEqual(inside, 17)  # fewer once in 62 times, were the posteriors exact
+
+
+if __name__ == "__main__":
+    unittest.main()
