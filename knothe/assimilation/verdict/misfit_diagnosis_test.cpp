@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <random>
@@ -128,6 +129,22 @@ TEST(MisfitDiagnosis, ARangeThatEndsIsNoScale) {
   const double end = 0.5 * bench.data.cwiseAbs().maxCoeff();
   bench.data = bench.data.cwiseMin(end).cwiseMax(-end);
   expect_named(bench, MisfitCause::saturation, "the range of the sensors ends there");
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  for (double& value : bench.data.reshaped())
+    if (std::abs(value) == end) value += 0.1 * normal(random);
+  expect_named(bench, MisfitCause::saturation, " but for noise, all others fit: the range of the sensors");
+}
+
+TEST(MisfitDiagnosis, EachSensorMayHaveARangeOfItsOwn) {
+  Bench bench;
+  for (Index i = 0; i < k_case_sensors; ++i) {
+    VectorXd sizes = bench.data.row(i).cwiseAbs();
+    std::sort(sizes.begin(), sizes.end());
+    const double end = sizes[k_case_times - 3 - i % 5];
+    bench.data.row(i) = bench.data.row(i).cwiseMin(end).cwiseMax(-end).eval();
+  }
+  expect_named(bench, MisfitCause::saturation, "are the largest of their series to the last digit");
 }
 
 TEST(MisfitDiagnosis, AnUnloadingInBetweenIsNoScale) {
@@ -135,6 +152,24 @@ TEST(MisfitDiagnosis, AnUnloadingInBetweenIsNoScale) {
   bench.data.middleCols(12, 5) *= 0.7;
   expect_named(bench, MisfitCause::few_steps,
                "the data of steps 12 to 16 do not fit, those before and after do");
+}
+
+TEST(MisfitDiagnosis, SeveralUnloadingsAreNamed) {
+  Bench bench;
+  bench.data.middleCols(8, 3) *= 0.7;
+  bench.data.middleCols(18, 4) *= 0.6;
+  expect_named(bench, MisfitCause::few_steps,
+               "the data of steps 8 to 10, 18 to 21 do not fit, those before and after do");
+}
+
+/// Values that stand out in several steps are not these steps.
+TEST(MisfitDiagnosis, SpikesOfSensorsAreNoUnloading) {
+  Bench bench;
+  for (const auto& [sensor, step] : {std::pair{3, 8}, {10, 11}, {17, 14}, {20, 14}})
+    bench.data(sensor, step) += 5;
+  const VerdictReason reason = fit_reason(bench);
+  ASSERT_TRUE(reason.cause);
+  EXPECT_NE(*reason.cause, MisfitCause::few_steps) << reason.message;
 }
 
 TEST(MisfitDiagnosis, ConstantsOfTheSensorsAreNamedAndWithAShiftAPreload) {
