@@ -18,6 +18,7 @@ using Eigen::Index;
 
 constexpr std::size_t k_looked_at = 32;     // data, evenly chosen
 constexpr Index k_starts = 14;              // of a fit, beside the posterior's mean
+constexpr Index k_min_equal_data = 8;       // of two sensors: fewer rounded values may be equal by chance
 constexpr double k_one_end = 0.99;          // of the largest: ends of one range
 constexpr double k_noise_at_the_end = 8;    // standard deviations between values at the end of a range
 constexpr Index k_after_a_disturbance = 3;  // data that must fit again
@@ -58,6 +59,7 @@ class Diagnostician {
         parameters_(p.size()) {}
 
   [[nodiscard]] Diagnosis diagnose(const ResidualReport& report) {
+    if (auto found = sensors_twice()) return *found;
     auto noise = other_noise_level(report.scores);
     if (!noise) noise = other_noise_level(causes_.plain().scores);
     if (noise && noise->factor < 1) return *noise;
@@ -102,6 +104,40 @@ class Diagnostician {
                     "that is stated: correct it, or let noise_level = \"unknown\" find it",
                     factor),
         factor};
+  }
+
+  /// Sensors that have another's values in all data: one measurement that counts twice.
+  [[nodiscard]] std::optional<Diagnosis> sensors_twice() const {
+    const Eigen::MatrixXd& values = all_.values();
+    const Index n = values.rows(), m = values.cols();
+    if (m < k_min_equal_data) return {};
+    std::vector<Index> order(n);
+    std::iota(order.begin(), order.end(), Index{0});
+    const auto at = [&](Index i, Index k) { return std::isnan(values(i, k)) ? 0 : values(i, k); };
+    const auto differ_at = [&](Index i, Index j) {
+      Index k = 0;
+      while (k < m && at(i, k) == at(j, k)) ++k;
+      return k;
+    };
+    std::sort(order.begin(), order.end(), [&](Index i, Index j) {
+      const Index k = differ_at(i, j);
+      return k == m ? i < j : at(i, k) < at(j, k);
+    });
+    Eigen::MatrixXd once = values;
+    Index twice = 0, first = 0, second = 0;
+    for (Index k = 1; k < n; ++k) {
+      const Index i = order[k - 1], j = order[k];
+      if (differ_at(i, j) < m || (values.row(j).array() == values(j, 0)).all()) continue;
+      once.row(j).setConstant(std::nan(""));
+      if (twice++ == 0) first = i, second = j;
+    }
+    if (twice == 0 || !fits(all_.with(once))) return {};
+    return Diagnosis{
+        MisfitCause::single_sensor,
+        fmt::format("{} of {} sensors have the values of another, to the last digit ({} those of {}), and "
+                    "count twice: leave them out",
+                    twice, n, tests_.name_of(second), tests_.name_of(first)),
+        1};
   }
 
   /// Many values of a group are its largest, to the last digit or, with noise after it, nearly; or many of a

@@ -184,6 +184,26 @@ TEST(MisfitDiagnosis, ConstantsOfTheSensorsAreNamedAndWithAShiftAPreload) {
   expect_named(preloaded, MisfitCause::offset, "3 steps later: the zero was taken under a preload");
 }
 
+TEST(MisfitDiagnosis, SensorsThatAreListedTwiceAreNamed) {
+  Bench bench;
+  auto twice = std::make_shared<model::ObservedModel>(*bench.model);
+  const Index half = k_case_sensors / 2;
+  model::Sensors sensors;
+  for (std::size_t i = 0; i < k_case_sensors; ++i)
+    sensors.add(bench.sensors.point(i % half), bench.sensors.components[i % half]);
+  bench.sensors = sensors;
+  twice->space.bottomRows(half) = MatrixXd(twice->space.topRows(half));
+  twice->lift.bottomRows(half) = MatrixXd(twice->lift.topRows(half));
+  bench.model = twice;
+  bench.data.bottomRows(half) = MatrixXd(bench.data.topRows(half));
+  expect_named(bench, MisfitCause::single_sensor,
+               "12 of 24 sensors have the values of another, to the last digit (sensor ");
+  // Of the same places, with noise of their own, they are two measurements.
+  bench.data = likelihood::test::synthetic_data(*twice, bench.truth,
+                                                bench.noise.measurement().standard_deviations(), 4);
+  EXPECT_FALSE(bench.cause());
+}
+
 /// What smoothing leaves is small: no other place of a sensor explains it.
 TEST(MisfitDiagnosis, SmoothedDataAreNoOrderOfTheSensors) {
   Bench bench;
