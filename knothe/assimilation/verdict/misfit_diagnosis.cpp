@@ -18,6 +18,8 @@ using Eigen::Index;
 
 constexpr std::size_t k_looked_at = 32;     // data, evenly chosen
 constexpr Index k_starts = 14;              // of a fit, beside the posterior's mean
+constexpr Index k_min_equal = 4;            // values that are the largest of a group
+constexpr Index k_min_equal_of_one = 2;     // of a sensor
 constexpr Index k_min_equal_data = 8;       // of two sensors: fewer rounded values may be equal by chance
 constexpr double k_one_end = 0.99;          // of the largest: ends of one range
 constexpr double k_noise_at_the_end = 8;    // standard deviations between values at the end of a range
@@ -123,11 +125,16 @@ class Diagnostician {
       const Index k = differ_at(i, j);
       return k == m ? i < j : at(i, k) < at(j, k);
     });
+    const auto is_constant = [&](Index i) {  // dead, or not there at all
+      Index k = 1;
+      while (k < m && at(i, k) == at(i, 0)) ++k;
+      return k == m;
+    };
     Eigen::MatrixXd once = values;
     Index twice = 0, first = 0, second = 0;
     for (Index k = 1; k < n; ++k) {
       const Index i = order[k - 1], j = order[k];
-      if (differ_at(i, j) < m || (values.row(j).array() == values(j, 0)).all()) continue;
+      if (differ_at(i, j) < m || is_constant(j)) continue;
       once.row(j).setConstant(std::nan(""));
       if (twice++ == 0) first = i, second = j;
     }
@@ -145,12 +152,12 @@ class Diagnostician {
   /// `few_sensors`.
   [[nodiscard]] std::optional<Diagnosis> saturation() const {
     const auto groups = std::max<Index>(1, std::ssize(tests_.group_names()));
-    if (const auto end = saturation_of(tests_.groups(), groups, 4, 0)) return end;
+    if (const auto end = saturation_of(tests_.groups(), groups, k_min_equal, 0)) return end;
     if (causes_.fits_plainly()) return {};
-    if (const auto end = saturation_of(tests_.groups(), groups, 4, k_noise_at_the_end)) return end;
+    if (const auto end = saturation_of(tests_.groups(), groups, k_min_equal, k_noise_at_the_end)) return end;
     std::vector<Index> each(all_.values().rows());
     std::iota(each.begin(), each.end(), Index{0});
-    return saturation_of(each, std::ssize(each), 2, 0);
+    return saturation_of(each, std::ssize(each), k_min_equal_of_one, 0);
   }
 
   /// All fits without the values less than `width` standard deviations below the largest of their group,
@@ -165,7 +172,8 @@ class Diagnostician {
         for (Index k = 0; k < size.cols(); ++k) use(i, k, group_of[i]);
     };
     const auto is_at_end = [&](Index i, Index k, Index g) {
-      return largest[g] > 0 && (largest[g] - size(i, k)) * tests_.inverse_std()[i] <= width;
+      const double inverse_std = tests_.inverse_std()[i];
+      return largest[g] > 0 && inverse_std > 0 && (largest[g] - size(i, k)) * inverse_std <= width;
     };
     each([&](Index i, Index k, Index g) { largest[g] = std::max(largest[g], size(i, k)); });
     each([&](Index i, Index k, Index g) { at_end[g] += is_at_end(i, k, g); });

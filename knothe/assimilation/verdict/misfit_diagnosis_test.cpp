@@ -213,6 +213,8 @@ TEST(MisfitDiagnosis, SmoothedDataAreNoOrderOfTheSensors) {
   const VerdictReason reason = fit_reason(bench);
   ASSERT_TRUE(reason.cause);
   EXPECT_NE(*reason.cause, MisfitCause::sensor_order) << reason.message;
+  bench.data.middleRows(3, 2).setConstant(std::nan(""));  // two sensors that are not there are not one twice
+  EXPECT_EQ(fit_reason(bench).message.find("count twice"), std::string::npos);
 }
 
 /// What another structure adds is no mistake of the measurement.
