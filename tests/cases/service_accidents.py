@@ -309,6 +309,23 @@ class Test(ServiceCase):
             service.wait_until(lambda: said in "\n".join(told()))
         self.assertEqual((service.get("/v1/quarantine")[0], service.stop()), (200, 130))
 
+    def test_a_watched_folder_that_goes_is_told_and_what_comes_after_is_taken(self):
+        """A share that is unmounted, and files of another kind than are taken."""
+        header, *rows = (self.folder / "data.csv").read_text().splitlines()
+        tables, away = self.folder / "tables", self.folder / "away"
+        tables.mkdir()
+        service = self.serve(extra='watch_csv = "tables/"\nsettle = 0.1\n')
+        told = lambda text: [alarm["severity"] for alarm in self.alarms(service) if text in alarm["message"]]
+        (tables / "data.xlsx").write_text("no table")
+        service.wait_until(lambda: told("data.xlsx is not taken: tables have names that end in .csv") == ["info"])
+        tables.rename(away)
+        service.wait_until(lambda: told("tables/ cannot be read: No such file or directory; what is left there waits until it can") == ["alarm"])
+        (away / "a.csv").write_text("\n".join([header, *rows[:24]]) + "\n")
+        away.rename(tables)
+        service.settled(1)
+        self.assertEqual([line["step"] for line in service.states()], [0])
+        self.assertEqual(len(told("cannot be read")), 1)
+
     def test_what_takes_the_place_of_the_mark_is_neither_waited_for_nor_written(self):
         for replacement in ("pipe", "link"):
             with self.subTest(replacement):

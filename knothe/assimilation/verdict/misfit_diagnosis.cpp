@@ -1,9 +1,12 @@
 #include "knothe/assimilation/verdict/misfit_diagnosis.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
+#include <utility>
 
 #include "knothe/assimilation/verdict/what_if_causes.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
@@ -15,8 +18,14 @@ using Eigen::Index;
 
 constexpr std::size_t k_looked_at = 32;     // data, evenly chosen
 constexpr Index k_starts = 14;              // of a fit, beside the posterior's mean
-constexpr Index k_min_equal = 4;            // values that are the largest, to the last digit
+constexpr Index k_min_equal = 4;            // values that are the largest of a group
+constexpr Index k_min_equal_of_one = 2;     // of a sensor
+constexpr Index k_min_equal_data = 8;       // of two sensors: fewer rounded values may be equal by chance
+constexpr double k_one_end = 0.99;          // of the largest: ends of one range
+constexpr double k_noise_at_the_end = 8;    // standard deviations between values at the end of a range
 constexpr Index k_after_a_disturbance = 3;  // data that must fit again
+constexpr Index k_max_gap = 2;              // steps between two of one disturbance
+constexpr double k_of_one_value = 16;       // most that a value adds to the misfit of its step
 
 /// Evenly chosen, the first and the last among them.
 std::vector<likelihood::DatumPointer> some_of(std::span<const likelihood::DatumPointer> data) {
@@ -52,6 +61,7 @@ class Diagnostician {
         parameters_(p.size()) {}
 
   [[nodiscard]] Diagnosis diagnose(const ResidualReport& report) {
+    if (auto found = sensors_twice()) return *found;
     auto noise = other_noise_level(report.scores);
     if (!noise) noise = other_noise_level(causes_.plain().scores);
     if (noise && noise->factor < 1) return *noise;
@@ -60,8 +70,11 @@ class Diagnostician {
       WhatIf assumption;
       assumption.robust = true;
       const Eigen::MatrixXd z = all_.fit(assumption).scores;
-      if (auto found = few_sensors(z)) return *found;
-      if (auto found = few_steps(z)) return *found;
+      // Many values may well be those of a few steps.
+      const auto found = few_sensors(z);
+      if (found && found->cause != MisfitCause::unknown) return *found;
+      if (auto steps = few_steps(z)) return *steps;
+      if (found) return *found;
     }
     // More noise would explain whatever else is small: it comes last.
     const auto found = causes_.find(!noise);
@@ -95,33 +108,93 @@ class Diagnostician {
         factor};
   }
 
-  /// Many values of a group are its largest, to the last digit: the range of the sensors ends there. One
-  /// sensor alone is named by `few_sensors`.
+  /// Sensors that have another's values in all data: one measurement that counts twice.
+  [[nodiscard]] std::optional<Diagnosis> sensors_twice() const {
+    const Eigen::MatrixXd& values = all_.values();
+    const Index n = values.rows(), m = values.cols();
+    if (m < k_min_equal_data) return {};
+    std::vector<Index> order(n);
+    std::iota(order.begin(), order.end(), Index{0});
+    const auto at = [&](Index i, Index k) { return std::isnan(values(i, k)) ? 0 : values(i, k); };
+    const auto differ_at = [&](Index i, Index j) {
+      Index k = 0;
+      while (k < m && at(i, k) == at(j, k)) ++k;
+      return k;
+    };
+    std::sort(order.begin(), order.end(), [&](Index i, Index j) {
+      const Index k = differ_at(i, j);
+      return k == m ? i < j : at(i, k) < at(j, k);
+    });
+    const auto is_constant = [&](Index i) {  // dead, or not there at all
+      Index k = 1;
+      while (k < m && at(i, k) == at(i, 0)) ++k;
+      return k == m;
+    };
+    Eigen::MatrixXd once = values;
+    Index twice = 0, first = 0, second = 0;
+    for (Index k = 1; k < n; ++k) {
+      const Index i = order[k - 1], j = order[k];
+      if (differ_at(i, j) < m || is_constant(j)) continue;
+      once.row(j).setConstant(std::nan(""));
+      if (twice++ == 0) first = i, second = j;
+    }
+    if (twice == 0 || !fits(all_.with(once))) return {};
+    return Diagnosis{
+        MisfitCause::single_sensor,
+        fmt::format("{} of {} sensors have the values of another, to the last digit ({} those of {}), and "
+                    "count twice: leave them out",
+                    twice, n, tests_.name_of(second), tests_.name_of(first)),
+        1};
+  }
+
+  /// Many values of a group are its largest, to the last digit or, with noise after it, nearly; or many of a
+  /// sensor are its own largest: the range of the sensors ends there. One sensor alone is named by
+  /// `few_sensors`.
   [[nodiscard]] std::optional<Diagnosis> saturation() const {
     const auto groups = std::max<Index>(1, std::ssize(tests_.group_names()));
+    if (const auto end = saturation_of(tests_.groups(), groups, k_min_equal, 0)) return end;
+    if (causes_.fits_plainly()) return {};
+    if (const auto end = saturation_of(tests_.groups(), groups, k_min_equal, k_noise_at_the_end)) return end;
+    std::vector<Index> each(all_.values().rows());
+    std::iota(each.begin(), each.end(), Index{0});
+    return saturation_of(each, std::ssize(each), k_min_equal_of_one, 0);
+  }
+
+  /// All fits without the values less than `width` standard deviations below the largest of their group,
+  /// where there are at least `fewest`.
+  [[nodiscard]] std::optional<Diagnosis> saturation_of(const std::vector<Index>& group_of, Index groups,
+                                                       Index fewest, double width) const {
+    const Eigen::MatrixXd size = all_.values().cwiseAbs();
+    Eigen::VectorXd largest = Eigen::VectorXd::Zero(groups);
+    Eigen::VectorXi at_end = Eigen::VectorXi::Zero(groups);
+    const auto each = [&](auto&& use) {
+      for (Index i = 0; i < size.rows(); ++i)
+        for (Index k = 0; k < size.cols(); ++k) use(i, k, group_of[i]);
+    };
+    const auto is_at_end = [&](Index i, Index k, Index g) {
+      const double inverse_std = tests_.inverse_std()[i];
+      return largest[g] > 0 && inverse_std > 0 && (largest[g] - size(i, k)) * inverse_std <= width;
+    };
+    each([&](Index i, Index k, Index g) { largest[g] = std::max(largest[g], size(i, k)); });
+    each([&](Index i, Index k, Index g) { at_end[g] += is_at_end(i, k, g); });
+    const auto ends = at_end.array() >= fewest;
     Eigen::MatrixXd values = all_.values();
-    double end = 0;
-    Index equal = 0;
-    for (Index g = 0; g < groups; ++g) {
-      double largest = 0;
-      const auto each = [&](auto&& use) {
-        for (Index i = 0; i < values.rows(); ++i)
-          for (Index k = 0; tests_.groups()[i] == g && k < values.cols(); ++k) use(values(i, k));
-      };
-      each([&](double v) { largest = std::max(largest, std::abs(v)); });
-      Index here = 0;
-      each([&](double v) { here += std::abs(v) == largest ? 1 : 0; });
-      if (largest == 0 || here < k_min_equal) continue;
-      each([&](double& v) { v = std::abs(v) == largest ? std::nan("") : v; });
-      equal += here, end = largest;
-    }
-    const Index sensors = (values.array().isNaN() && !all_.values().array().isNaN()).rowwise().any().count();
+    each([&](Index i, Index k, Index g) {
+      if (ends[g] && is_at_end(i, k, g)) values(i, k) = std::nan("");
+    });
+    const auto is_missing = values.array().isNaN();
+    const Index sensors = (is_missing && !size.array().isNaN()).rowwise().any().count();
     if (sensors < 2 || !fits(all_.with(values))) return {};
-    return Diagnosis{MisfitCause::saturation,
-                     fmt::format("{} values are {:.6g} to the last digit, all others fit: the range of the "
-                                 "sensors ends there; give these as missing",
-                                 equal, end),
-                     1};
+    const double end = ends.select(largest.array(), 0.0).maxCoeff();
+    const bool is_one = (!ends || largest.array() > k_one_end * end).all();
+    return Diagnosis{
+        MisfitCause::saturation,
+        fmt::format("{} values of {} sensors are {}{}, all others fit: the range of the sensors ends there; "
+                    "give these as missing",
+                    ends.select(at_end.array(), 0).sum(), sensors,
+                    is_one ? fmt::format("{:.{}g}", end, width > 0 ? 2 : 6) : "the largest of their series",
+                    width > 0 ? " but for noise" : " to the last digit"),
+        1};
   }
 
   /// All is well without a few of the sensors, or of the values.
@@ -189,24 +262,36 @@ class Diagnostician {
                      1};
   }
 
-  /// All is well without some steps in succession, and after them again.
+  /// All is well without some steps, and after them again.
   [[nodiscard]] std::optional<Diagnosis> few_steps(const Eigen::MatrixXd& z) const {
     const Index m = z.cols();
-    Index first = m, last = -1;
+    std::vector<std::pair<Index, Index>> runs;  // first and last of steps that do not fit
     for (Index k = 0; k < m; ++k) {
+      // A few values that stand out do not make it a step.
+      const double misfit = z.col(k).array().square().min(k_of_one_value).sum();
       const double present = (z.col(k).array() != 0).count();
-      if (z.col(k).squaredNorm() < present + 6 * std::sqrt(2 * present)) continue;
-      first = std::min(first, k), last = k;
+      if (misfit < present + 6 * std::sqrt(2 * present)) continue;
+      if (runs.empty() || k - runs.back().second > k_max_gap) runs.emplace_back(k, k);
+      runs.back().second = k;
     }
-    if (last < 0 || last - first + 1 > m / 3 || first < 1 || m - 1 - last < k_after_a_disturbance) return {};
+    if (runs.empty() || runs.front().first < 1 || m - 1 - runs.back().second < k_after_a_disturbance)
+      return {};
     Eigen::MatrixXd values = all_.values();
-    values.middleCols(first, last - first + 1).setConstant(std::nan(""));
-    if (!fits(all_.with(values))) return {};
-    return Diagnosis{MisfitCause::few_steps,
-                     fmt::format("the data of steps {} to {} do not fit, those before and after do: an "
-                                 "unloading, or a disturbance; withdraw them",
-                                 data_[first]->step, data_[last]->step),
-                     1};
+    Index left_out = 0;
+    std::vector<std::string> steps;
+    for (const auto& [first, last] : runs) {
+      values.middleCols(first, last - first + 1).setConstant(std::nan(""));
+      left_out += last - first + 1;
+      steps.push_back(first == last ? fmt::format("{}", data_[first]->step)
+                                    : fmt::format("{} to {}", data_[first]->step, data_[last]->step));
+    }
+    if (left_out > m / 3 || !fits(all_.with(values))) return {};
+    return Diagnosis{
+        MisfitCause::few_steps,
+        fmt::format("the data of step{} {} do not fit, those before and after do: an unloading, or a "
+                    "disturbance; withdraw them",
+                    left_out > 1 ? "s" : "", fmt::join(steps, ", ")),
+        1};
   }
 
   const ResidualTests& tests_;

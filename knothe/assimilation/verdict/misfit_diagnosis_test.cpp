@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <random>
@@ -128,6 +129,22 @@ TEST(MisfitDiagnosis, ARangeThatEndsIsNoScale) {
   const double end = 0.5 * bench.data.cwiseAbs().maxCoeff();
   bench.data = bench.data.cwiseMin(end).cwiseMax(-end);
   expect_named(bench, MisfitCause::saturation, "the range of the sensors ends there");
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  for (double& value : bench.data.reshaped())
+    if (std::abs(value) == end) value += 0.1 * normal(random);
+  expect_named(bench, MisfitCause::saturation, " but for noise, all others fit: the range of the sensors");
+}
+
+TEST(MisfitDiagnosis, EachSensorMayHaveARangeOfItsOwn) {
+  Bench bench;
+  for (Index i = 0; i < k_case_sensors; ++i) {
+    VectorXd sizes = bench.data.row(i).cwiseAbs();
+    std::sort(sizes.begin(), sizes.end());
+    const double end = sizes[k_case_times - 3 - i % 5];
+    bench.data.row(i) = bench.data.row(i).cwiseMin(end).cwiseMax(-end).eval();
+  }
+  expect_named(bench, MisfitCause::saturation, "are the largest of their series to the last digit");
 }
 
 TEST(MisfitDiagnosis, AnUnloadingInBetweenIsNoScale) {
@@ -135,6 +152,24 @@ TEST(MisfitDiagnosis, AnUnloadingInBetweenIsNoScale) {
   bench.data.middleCols(12, 5) *= 0.7;
   expect_named(bench, MisfitCause::few_steps,
                "the data of steps 12 to 16 do not fit, those before and after do");
+}
+
+TEST(MisfitDiagnosis, SeveralUnloadingsAreNamed) {
+  Bench bench;
+  bench.data.middleCols(8, 3) *= 0.7;
+  bench.data.middleCols(18, 4) *= 0.6;
+  expect_named(bench, MisfitCause::few_steps,
+               "the data of steps 8 to 10, 18 to 21 do not fit, those before and after do");
+}
+
+/// Values that stand out in several steps are not these steps.
+TEST(MisfitDiagnosis, SpikesOfSensorsAreNoUnloading) {
+  Bench bench;
+  for (const auto& [sensor, step] : {std::pair{3, 8}, {10, 11}, {17, 14}, {20, 14}})
+    bench.data(sensor, step) += 5;
+  const VerdictReason reason = fit_reason(bench);
+  ASSERT_TRUE(reason.cause);
+  EXPECT_NE(*reason.cause, MisfitCause::few_steps) << reason.message;
 }
 
 TEST(MisfitDiagnosis, ConstantsOfTheSensorsAreNamedAndWithAShiftAPreload) {
@@ -149,6 +184,26 @@ TEST(MisfitDiagnosis, ConstantsOfTheSensorsAreNamedAndWithAShiftAPreload) {
   expect_named(preloaded, MisfitCause::offset, "3 steps later: the zero was taken under a preload");
 }
 
+TEST(MisfitDiagnosis, SensorsThatAreListedTwiceAreNamed) {
+  Bench bench;
+  auto twice = std::make_shared<model::ObservedModel>(*bench.model);
+  const Index half = k_case_sensors / 2;
+  model::Sensors sensors;
+  for (std::size_t i = 0; i < k_case_sensors; ++i)
+    sensors.add(bench.sensors.point(i % half), bench.sensors.components[i % half]);
+  bench.sensors = sensors;
+  twice->space.bottomRows(half) = MatrixXd(twice->space.topRows(half));
+  twice->lift.bottomRows(half) = MatrixXd(twice->lift.topRows(half));
+  bench.model = twice;
+  bench.data.bottomRows(half) = MatrixXd(bench.data.topRows(half));
+  expect_named(bench, MisfitCause::single_sensor,
+               "12 of 24 sensors have the values of another, to the last digit (sensor ");
+  // Of the same places, with noise of their own, they are two measurements.
+  bench.data = likelihood::test::synthetic_data(*twice, bench.truth,
+                                                bench.noise.measurement().standard_deviations(), 4);
+  EXPECT_FALSE(bench.cause());
+}
+
 /// What smoothing leaves is small: no other place of a sensor explains it.
 TEST(MisfitDiagnosis, SmoothedDataAreNoOrderOfTheSensors) {
   Bench bench;
@@ -158,6 +213,8 @@ TEST(MisfitDiagnosis, SmoothedDataAreNoOrderOfTheSensors) {
   const VerdictReason reason = fit_reason(bench);
   ASSERT_TRUE(reason.cause);
   EXPECT_NE(*reason.cause, MisfitCause::sensor_order) << reason.message;
+  bench.data.middleRows(3, 2).setConstant(std::nan(""));  // two sensors that are not there are not one twice
+  EXPECT_EQ(fit_reason(bench).message.find("count twice"), std::string::npos);
 }
 
 /// What another structure adds is no mistake of the measurement.

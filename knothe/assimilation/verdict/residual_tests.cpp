@@ -79,7 +79,8 @@ Eigen::VectorXd scores_beside(const Eigen::MatrixXd& error, const Eigen::VectorX
   return scores;
 }
 
-/// Each sensor with the nearest that measures the same component elsewhere, the first of several.
+/// Each sensor with the nearest that measures the same component, the first of several: also one of its
+/// place, whose noise is its own unless it is the same measurement.
 std::vector<std::array<Index, 2>> nearest_of_same_component(const model::Sensors& sensors) {
   std::set<std::array<Index, 2>> pairs;
   for (int component = 0; component < 3; ++component) {
@@ -98,7 +99,7 @@ std::vector<std::array<Index, 2>> nearest_of_same_component(const model::Sensors
           double square = 0;
           for (std::size_t a = 0; a < 3; ++a)
             square += std::pow(sensors.point(i)[a] - sensors.point(j)[a], 2);
-          if (square > 0) nearest = std::min(nearest, std::pair(square, j));
+          nearest = std::min(nearest, std::pair(square, j));
         }
       if (nearest.second != i) pairs.insert({std::min(i, nearest.second), std::max(i, nearest.second)});
     }

@@ -132,7 +132,11 @@ void WhatIfCauses::try_factors() {
   if (displacements > 0) {
     Eigen::VectorXd rows = Eigen::VectorXd::Zero(n);
     rows.head(displacements).setOnes();
-    add(factor_of(rows, displacements == n ? "the data" : "the displacements", "the axes", true));
+    auto whole = factor_of(rows, displacements == n ? "the data" : "the displacements", "the axes", true);
+    // All strains in proportion are what another imposed displacement does.
+    if (whole && whole->cause == MisfitCause::scale && !whole->is_exact)
+      whole->message += ", and the imposed displacement";
+    add(std::move(whole));
   }
   const auto& names = tests_.group_names();
   if (names.size() < 2) return;

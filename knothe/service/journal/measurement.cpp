@@ -6,6 +6,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstring>
+#include <initializer_list>
 #include <nlohmann/json.hpp>
 
 #include "knothe/base/error.hpp"
@@ -85,6 +86,16 @@ Received parse_object(std::string_view body) {
 likelihood::DatumKey key_of(const Received& object) {
   return {text_member(object, "source", true), text_member(object, "session", true),
           checked_index(member(object, "seq"), "seq")};
+}
+
+/// Other keys are the sender's own, but not one that looks like a slip in a key that may be left out: a value
+/// said to be bad would count as good.
+void refuse_slips(const Received& object, std::initializer_list<std::string> optional) {
+  const std::vector<std::string> names(optional);
+  for (const auto& [key, value] : object.items())
+    if (const std::string near = near_miss(key, names); !near.empty() && near != key)
+      malformed(
+          fmt::format("\"{}\" is no key of this request: write \"{}\", or give it another name", key, near));
 }
 
 std::uint8_t status_code(const std::string& word) {
@@ -182,6 +193,7 @@ bool Measurement::set_payload(std::string_view bytes) {
 
 SiteMeasurement parse_json_measurement(std::string_view body) {
   const Received object = parse_object(body);
+  refuse_slips(object, {"status", "series"});
   SiteMeasurement result;
   Measurement& datum = result.measurement;
   result.site = text_member(object, "site", false);
@@ -229,6 +241,7 @@ EntryRequest parse_json_entry(std::string_view body) {
 
 SiteKey parse_json_key(std::string_view body) {
   const Received object = parse_object(body);
+  refuse_slips(object, {"record"});
   SiteKey named{text_member(object, "site", false), {key_of(object)}};
   if (const auto it = object.find("record"); it != object.end())
     named.datum.which = RecordName::Which::numbered, named.datum.number = checked_index(*it, "record");

@@ -75,6 +75,18 @@ TEST(Measurement, AKeyIsReadFromJson) {
     EXPECT_THROW((void)parse_json_key(wrong), RequestError) << wrong;
 }
 
+/// What is left out without a word must not be what was meant.
+TEST(Measurement, ASlipInAKeyThatMayBeLeftOutIsRefused) {
+  const std::string datum = R"({"source":"camera","session":"s","seq":4,"time":0.25,"values":[1.5],)";
+  for (const char* slip : {"Status", "staus", "statuses"})
+    EXPECT_EQ(
+        refusal(datum + "\"" + slip + R"(":["bad"]})"),
+        "\"" + std::string(slip) + "\" is no key of this request: write \"status\", or give it another name");
+  EXPECT_EQ(refusal(datum + R"("operator":"x","state":"cold"})"), "");
+  EXPECT_THROW((void)parse_json_key(R"({"source":"camera","session":"s","seq":7,"records":12})"),
+               RequestError);
+}
+
 TEST(Measurement, APayloadComesBackToTheBit) {
   const Measurement datum = parse_json_measurement(k_json).measurement;
   Measurement back;

@@ -44,6 +44,11 @@ bool is_table(const std::string& name) {
   return files::extension_of(name) == ".csv" && !name.starts_with(".") && name != k_times;
 }
 
+/// A name that no folder takes, whatever is left there.
+bool is_foreign(const std::string& name) {
+  return !name.starts_with(".") && !imaging::is_picture_name(name) && files::extension_of(name) != ".csv";
+}
+
 /// Point and component of a sensor.
 std::array<double, 4> key_of(const model::Sensors& sensors, std::size_t i) {
   const auto at = sensors.point(i);
@@ -87,7 +92,7 @@ std::uintmax_t max_bytes(const std::string& source) {
 std::vector<JournalFile> files_there(const project::Project& project, const FileRegister& known) {
   std::vector<JournalFile> files;
   for (const auto& [folder, source, wanted] : watched_by(project)) {
-    for (const std::string& name : names_in(folder, wanted)) {
+    for (const std::string& name : content_of(folder, wanted, is_foreign).names) {
       std::string digest = known.digest_of(source, name);
       try {
         if (digest.empty())
@@ -108,7 +113,7 @@ bool FolderWatch::is_wanted(const project::Project& project) {
 FolderWatch::FolderWatch(std::shared_ptr<Site> site)
     : site_(std::move(site)), intake_(site_, [this](double seconds) { return wait(seconds); }) {
   for (const auto& [folder, source, wanted] : watched_by(site_->project()))
-    folders_.push_back({source, SettledFiles(folder, site_->project().serve.settle, wanted)});
+    folders_.push_back({source, SettledFiles(folder, site_->project().serve.settle, wanted, is_foreign)});
   const project::UpdateSetup& setup = site_->setup();
   const model::Sensors& sensors = setup.measurements.sensors;
   for (std::size_t i = 0; i < sensors.displacement_count(); ++i) sensor_at_[key_of(sensors, i)] = i;
@@ -140,9 +145,28 @@ void FolderWatch::run() {
   }
 }
 
+/// What cannot be looked at, and what nobody will take: once, while it is so.
+void FolderWatch::tell_of_what_is_left(const Folder& folder) {
+  const SettledFiles& files = folder.files;
+  const auto tell = [&](const std::string& what, const std::string& severity, const std::string& message) {
+    site_->alarms().update_condition(what + " of " + folder.source, intake_.latest_step(), severity,
+                                     "sensors", message);
+  };
+  tell("folder", files.trouble().empty() ? "" : "alarm",
+       fmt::format("the watched folder {} cannot be read: {}; what is left there waits until it can",
+                   files.folder(), files.trouble()));
+  tell("names", files.foreign().empty() ? "" : "info",
+       fmt::format("{} is not taken: {}", files.path(files.foreign()),
+                   folder.source == k_csv_source
+                       ? "tables have names that end in .csv"
+                       : "pictures have names that end in .tif, .png, .bmp, .pgm or .jpg"));
+}
+
 /// One file after the other: whatever is wrong with one, the next has its turn.
 void FolderWatch::ingest(Folder& folder) {
-  for (const std::string& name : folder.files.new_files(SettledFiles::Clock::now())) {
+  const auto names = folder.files.new_files(SettledFiles::Clock::now());
+  tell_of_what_is_left(folder);
+  for (const std::string& name : names) {
     pulse_->beat();
     JournalFile file{folder.source, name, "", FileOutcome::taken, -1};
     std::string trouble;

@@ -59,6 +59,7 @@ class FolderWatch {
                                       std::int64_t seq) const;
   [[nodiscard]] Place place_of(const Folder& folder, const std::string& name) const;
   void show(const Folder& folder, const std::string& name);
+  void tell_of_what_is_left(const Folder& folder);
   void tell_of_others(const Folder& folder, const std::string& name);
   [[nodiscard]] bool patient(const Folder& folder, const std::string& name) const;
   /// False when it is time to end.

@@ -24,19 +24,26 @@ std::int64_t ns_of(const timespec& time) {
 
 }  // namespace
 
-std::vector<std::string> names_in(const std::string& folder,
-                                  const std::function<bool(const std::string&)>& wanted) {
-  std::vector<std::string> names;
+FolderContent content_of(const std::string& folder, const NameTest& wanted, const NameTest& foreign) {
+  FolderContent content;
   std::error_code failure;
   for (auto it = std::filesystem::directory_iterator(folder, failure);
-       !failure && it != std::filesystem::directory_iterator(); it.increment(failure))
-    if (std::string name = it->path().filename().string(); wanted(name)) names.push_back(std::move(name));
-  return names;
+       !failure && it != std::filesystem::directory_iterator(); it.increment(failure)) {
+    std::string name = it->path().filename().string();
+    if (wanted(name))
+      content.names.push_back(std::move(name));
+    else if (foreign(name) && (content.foreign.empty() || name < content.foreign))
+      content.foreign = std::move(name);
+  }
+  if (failure) content.trouble = failure.message();
+  return content;
 }
 
-SettledFiles::SettledFiles(std::string folder, double settle_s,
-                           std::function<bool(const std::string&)> wanted)
-    : folder_(std::move(folder)), settle_s_(settle_s), wanted_(std::move(wanted)) {}
+SettledFiles::SettledFiles(std::string folder, double settle_s, NameTest wanted, NameTest foreign)
+    : folder_(std::move(folder)),
+      settle_s_(settle_s),
+      wanted_(std::move(wanted)),
+      foreign_(std::move(foreign)) {}
 
 /// Whether nothing can have come since the last look: the folder is as it was, and no file is waited for. So
 /// many files, of whatever name, cost nothing while nothing comes.
@@ -55,7 +62,8 @@ bool SettledFiles::may_skip(Clock::time_point now) {
 void SettledFiles::list(Clock::time_point now) {
   const auto start = Clock::now();
   std::map<std::string, File> found;
-  for (std::string& name : names_in(folder_, wanted_)) {
+  FolderContent content = content_of(folder_, wanted_, foreign_);
+  for (std::string& name : content.names) {
     struct stat it {};
     if (::lstat(path(name).c_str(), &it) != 0) continue;  // it goes while it is looked at
     File file{it.st_size, ns_of(it.st_mtim), now, false};
@@ -66,6 +74,7 @@ void SettledFiles::list(Clock::time_point now) {
     found.emplace(std::move(name), file);
   }
   files_ = std::move(found);
+  foreign_name_ = std::move(content.foreign), trouble_ = std::move(content.trouble);
   listed_at_ = now;
   next_at_ = now + k_share_while_files_come * (Clock::now() - start);
 }

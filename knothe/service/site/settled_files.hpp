@@ -12,11 +12,21 @@
 
 namespace knothe::service {
 
+/// What a folder holds now.
+struct FolderContent {
+  std::vector<std::string> names;  ///< those that are wanted
+  std::string foreign;             ///< the first of those that are; empty: none
+  std::string trouble;             ///< why it cannot be read; empty: it can
+};
+using NameTest = std::function<bool(const std::string&)>;
+[[nodiscard]] FolderContent content_of(const std::string& folder, const NameTest& wanted,
+                                       const NameTest& foreign);
+
 class SettledFiles {
  public:
   using Clock = std::chrono::steady_clock;
   /// Only names that are `wanted` count. A folder that is not there is empty.
-  SettledFiles(std::string folder, double settle_s, std::function<bool(const std::string&)> wanted);
+  SettledFiles(std::string folder, double settle_s, NameTest wanted, NameTest foreign);
 
   /// Names (numbers in them by value) whose size and time of change have been the same for `settle_s`, and
   /// which are not done. Of whatever kind: a pipe or a link too is something that came.
@@ -27,7 +37,9 @@ class SettledFiles {
   [[nodiscard]] double rest(const std::string& name, Clock::time_point now) const;
   [[nodiscard]] std::string path(const std::string& name) const;
   [[nodiscard]] const std::string& folder() const { return folder_; }
-  [[nodiscard]] bool wants(const std::string& name) const { return wanted_(name); }
+  /// As of the last look at the folder.
+  [[nodiscard]] const std::string& foreign() const { return foreign_name_; }
+  [[nodiscard]] const std::string& trouble() const { return trouble_; }
 
  private:
   struct File {
@@ -40,15 +52,12 @@ class SettledFiles {
 
   std::string folder_;
   double settle_s_;
-  std::function<bool(const std::string&)> wanted_;
+  NameTest wanted_, foreign_;
   std::map<std::string, File> files_;
+  std::string foreign_name_, trouble_;
   std::int64_t folder_ns_ = -1;            ///< the folder's own time of change
   Clock::time_point folder_since_;         ///< when that was seen first
   Clock::time_point listed_at_, next_at_;  ///< the last look at all files, and before when there is no other
 };
-
-/// The names in a folder that are `wanted`; none where it cannot be read.
-[[nodiscard]] std::vector<std::string> names_in(const std::string& folder,
-                                                const std::function<bool(const std::string&)>& wanted);
 
 }  // namespace knothe::service

@@ -19,9 +19,13 @@ bool is_csv(const std::string& name) {
   return name.ends_with(".csv");
 }
 
+bool is_text(const std::string& name) {
+  return name.ends_with(".txt");
+}
+
 /// A clock that only the test moves.
 struct Look {
-  explicit Look(const files::TestFolder& folder) : files(folder.file(""), 0.5, is_csv) {}
+  explicit Look(const files::TestFolder& folder) : files(folder.file(""), 0.5, is_csv, is_text) {}
   Names after(milliseconds pause) { return files.new_files(now += pause); }
   SettledFiles files;
   SettledFiles::Clock::time_point now = SettledFiles::Clock::now();
@@ -88,10 +92,28 @@ TEST(SettledFiles, AFileThatComesWithinTheFoldersClockIsSeen) {
   EXPECT_EQ(look.after(milliseconds(600)), Names{"b.csv"});
 }
 
-TEST(SettledFiles, AFolderThatIsNotThereIsEmpty) {
-  SettledFiles files("/nowhere/at/all", 0.5, is_csv);
+TEST(SettledFiles, AFolderThatIsNotThereIsEmptyAndSaysSo) {
+  SettledFiles files("/nowhere/at/all", 0.5, is_csv, is_text);
   EXPECT_EQ(files.new_files(SettledFiles::Clock::now()), Names());
-  EXPECT_EQ(names_in("/nowhere/at/all", is_csv), Names());
+  EXPECT_EQ(files.trouble(), "No such file or directory");
+  const files::TestFolder folder;
+  std::ofstream(folder.file("file")) << "1";
+  const FolderContent content = content_of(folder.file("file"), is_csv, is_text);
+  EXPECT_EQ(content.names, Names());
+  EXPECT_EQ(content.trouble, "Not a directory");
+}
+
+TEST(SettledFiles, TheFirstForeignNameIsKnownWhileItIsThere) {
+  const files::TestFolder folder;
+  Look look(folder);
+  for (const char* name : {"b.txt", "a.txt", "0.other", "c.csv"}) std::ofstream(folder.file(name)) << "1";
+  (void)look.after(milliseconds(0));
+  EXPECT_EQ(look.files.foreign(), "a.txt");
+  EXPECT_EQ(look.files.trouble(), "");
+  std::filesystem::remove(folder.file("a.txt"));
+  std::filesystem::remove(folder.file("b.txt"));
+  (void)look.after(milliseconds(600));
+  EXPECT_EQ(look.files.foreign(), "");
 }
 
 }  // namespace
