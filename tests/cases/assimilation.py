@@ -1,6 +1,7 @@
 """`knothe assimilate`: the lines that outside programs read, and what they say, judged by quadrature of the formula."""
 import json
 import math
+import os
 import re
 import unittest
 
