@@ -33,7 +33,7 @@ ScalarObservation ScalarObservation::strain_in_window(const std::string& name, s
                                                       double window, std::array<int, 2> axes) {
   if (!(window > 0)) throw UsageError(fmt::format("sensor \"{}\": its window has no width", name));
   constexpr int k_side = 9;  // points
-  const auto [a, b] = axes;
+  const int a = axes[0], b = axes[1];
   const std::array<int, 2> plane = a != b ? axes : std::array{0, a == 2 ? 2 : 1};
   const auto offset = [&](int i) { return ((i + 0.5) / k_side - 0.5) * window; };
   double squares = 0;  // of the offsets along an axis
