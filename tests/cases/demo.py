@@ -1,4 +1,9 @@
-"""What `make demo` runs: data of the full-order model at twenty truths, each with a noise of its own; the verdict and the posterior."""
+"""What `make demo` runs: data of the full-order model at twenty truths, each with a noise of its own; the verdict and the posterior.
+
+Truths within 0.7 to 1.3 and noise of 1 µm only. Of three other draws of twenty there 18, 20 and 20 runs were ok throughout (one of
+the 60 with a reject on the way), and 3 of the 60 ended ok with the truth outside. Within 0.6 to 1.4 (the model's box ends at
+0.5 and 1.5) 17 of 20 were ok throughout, one of the 20 with a reject, and 2 ended ok with the truth outside.
+"""
 import math
 import random
 import shutil
@@ -16,7 +21,7 @@ class Test(Case):
         self.expect(0, "offline", "quick.toml", "-o", "beam.h5", timeout=600)
         draw = random.Random(1)
         truths = [(1.0, 1.0)] + [(draw.uniform(0.7, 1.3), draw.uniform(0.7, 1.3)) for _ in range(19)]
-        text, right, usable, inside = project.read_text(), 0, 0, 0
+        text, right, usable, inside, rejected = project.read_text(), 0, 0, 0, 0
         self.assertEqual(text.count(TRUTH % truths[0]), 1)
         for seed, truth in enumerate(truths, 1):
             project.write_text(text.replace(TRUTH % truths[0], TRUTH % truth))
@@ -27,9 +32,10 @@ class Test(Case):
             off = [(m - t) / math.sqrt(last["covariance"][k][k]) for k, (m, t) in enumerate(zip(last["mean"], truth))]
             print(truth, "off by", [f"{z:.1f}" for z in off], "std;", run["verdict"]["level"], {level: levels.count(level) for level in set(levels)})
             right += set(levels) == {"ok"}
+            rejected += "reject" in levels
             usable += run["verdict"]["level"] == "ok"
             inside += max(map(abs, off)) < 2.24  # both of two independent ones: 95 %
-        print(f"of 20: ok from the first step to the last {right}, ok at the end {usable}, truth inside {inside}")
+        print(f"of 20: ok from the first step to the last {right}, ok at the end {usable}, with a reject {rejected}, truth inside {inside}")
         self.assertGreaterEqual(right, 18)
         self.assertGreaterEqual(usable, 18)
         self.assertGreaterEqual(inside, 17)  # fewer once in 62 times, were the posteriors exact
