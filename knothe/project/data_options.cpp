@@ -263,13 +263,11 @@ std::vector<model::ScalarObservation> read_sensors(Values& values) {
 void read_sources(Values& values, Project& project) {
   const bool fields = !project.fields.files.empty();
   // Beside pictures that are still to come, series that are too.
-  const bool to_come = project.data.empty() && !project.series_std.empty() &&
-                       (values.has("serve.watch_pictures") || values.has_table("serve.camera"));
+  const bool to_come = project.data.empty() && !project.series_std.empty() && project.serve.takes_pictures();
   const bool is_beside = to_come || (!project.data.empty() && (fields || !project.pictures.folder.empty()));
   DataSource first = Section<DataSource>("data", "", add_clock).read(values);
   first.file = project.data;
-  if (is_beside && (!to_come || first.time_offset_std + first.time_drift_std > 0))
-    project.sources.push_back(first);
+  if (is_beside) project.sources.push_back(first);
   if (fields) project.data = project.fields.files;
   for (const char* key : {"data.time_offset_std", "data.time_drift_std"})
     if (values.has(key) && !is_beside)

@@ -10,7 +10,8 @@ namespace knothe::project {
 [[nodiscard]] std::vector<model::ScalarObservation> read_sensors(Values& values);
 
 /// What was recorded beside pictures, fields or the first data file: `data.file` and [data.sources.NAME],
-/// into the project; then `project.data` is the fields. Complains of clocks of a file that stands alone.
+/// into the project, whose pictures, fields and service are read; then `project.data` is the fields.
+/// Complains of clocks of a file that stands alone.
 void read_sources(Values& values, Project& project);
 
 /// The table [parameters], into the project; complains of keys that a prior lacks or does not take.

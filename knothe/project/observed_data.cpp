@@ -83,10 +83,11 @@ Eigen::MatrixXd effect_of_clock(const likelihood::Measurements& m, std::size_t c
 }
 
 /// The noise with the errors that observed series have at all times: what is shared by the values of one, and
-/// that their clocks are ahead by. `clock`: the one that tells the model's time, `by_clock` and `expected` as
-/// in `effect_of_clock`.
-likelihood::NoiseModel with_shared_errors(const likelihood::Measurements& m, std::optional<std::size_t> clock,
-                                          const Eigen::MatrixXd& by_clock, const Eigen::MatrixXd& expected) {
+/// that their clocks are ahead by (they drift from the time `start` on). `clock`: the one that tells the
+/// model's time, `by_clock` and `expected` as in `effect_of_clock`.
+likelihood::NoiseModel with_shared_errors(const likelihood::Measurements& m, double start,
+                                          std::optional<std::size_t> clock, const Eigen::MatrixXd& by_clock,
+                                          const Eigen::MatrixXd& expected) {
   const std::vector<std::string>& names = m.sensors.scalars;
   const Eigen::Index displacements = m.values.rows() - std::ssize(names);
   std::vector<Eigen::MatrixXd> factors(m.time.size(), Eigen::MatrixXd(m.values.rows(), 0));
@@ -112,7 +113,7 @@ likelihood::NoiseModel with_shared_errors(const likelihood::Measurements& m, std
         add_column(factors[t]) = std * ahead(t) * effect.col(t);
     };
     add_error("time_offset", of_source.offset_std, [](std::size_t) { return 1.0; });
-    add_error("time_drift", of_source.drift_std, [&](std::size_t t) { return m.time[t] - m.time[0]; });
+    add_error("time_drift", of_source.drift_std, [&](std::size_t t) { return m.time[t] - start; });
   }
   return factors.empty() || factors.front().cols() == 0
              ? m.noise
@@ -289,16 +290,15 @@ void set_series_std(const Project& project, likelihood::Measurements& recorded) 
 
 /// The displacements of a source as series, each of a sensor of its own: what is wrong with the camera, its
 /// scale or its reference picture, is not wrong with them.
-void make_series_of_displacements(const std::string& name, likelihood::Measurements& recorded) {
+void make_series_of_displacements(const DataSource& source, likelihood::Measurements& recorded) {
   if (!recorded.noise.measurement().is_independent())
-    throw DataError(
-        fmt::format("[data.sources.{}]: its displacements have correlated noise: only those of "
-                    "the pictures, fields or data.file may",
-                    name));
+    throw DataError(source.file +
+                    ": its displacements have correlated noise; beside other data only independent ones are "
+                    "read: assimilate them alone, or leave out noise/precision");
   const Eigen::VectorXd std = recorded.noise.measurement().standard_deviations();
   const model::Sensors& sensors = recorded.sensors;
   for (std::size_t i = 0; i < sensors.displacement_count(); ++i) {
-    const std::string label = (name.empty() ? "file" : name) + "." + sensors.label(i);
+    const std::string label = (source.name.empty() ? "file" : source.name) + "." + sensors.label(i);
     const Eigen::VectorXd row = recorded.values.row(i);
     recorded.series[label] = {{row.begin(), row.end()}, std[i], {}, "m", {}, {}};
     const auto point = sensors.point(i);
@@ -309,11 +309,10 @@ void make_series_of_displacements(const std::string& name, likelihood::Measureme
 /// What a source recorded, at the times of `measured`.
 void add_source(const Project& project, const DataSource& source, likelihood::Measurements& measured) {
   likelihood::Measurements recorded = likelihood::read_measurements(source.file);
-  make_series_of_displacements(source.name, recorded);
-  const std::size_t clock = measured.clocks.size();
-  measured.clocks.push_back({source.name, source.time_offset_std, source.time_drift_std});
+  make_series_of_displacements(source, recorded);
+  const std::optional<std::size_t> clock = add_clock(source, measured);
   measured.gauges.insert(measured.gauges.end(), recorded.gauges.begin(), recorded.gauges.end());
-  const double span = measured.time.empty() ? 0 : measured.time.back() - measured.time.front();
+  const double span = recorded.time.empty() ? 0 : recorded.time.back() - recorded.time.front();
   const double window = source.time_offset_std + source.time_drift_std * span;
   bool overlaps = false;
   for (const auto& [name, series] : recorded.series) {
@@ -351,6 +350,12 @@ std::vector<model::ScalarObservation> sensors_of(const Project& project,
   return sensors;
 }
 
+std::optional<std::size_t> add_clock(const DataSource& source, likelihood::Measurements& measured) {
+  if (source.time_offset_std == 0 && source.time_drift_std == 0) return std::nullopt;
+  measured.clocks.push_back({source.name, source.time_offset_std, source.time_drift_std});
+  return measured.clocks.size() - 1;
+}
+
 void add_sources(const Project& project, likelihood::Measurements& measured) {
   for (const DataSource& source : project.sources)
     if (!source.file.empty()) add_source(project, source, measured);
@@ -375,7 +380,10 @@ ObservedData observe_data(const Project& project, const model::SeparatedModel& m
   if (!m.clocks.empty() && project.clock.empty() && project.known.empty())
     expected = likelihood::mean_rates(model::rates_at_times(*data.observed, m.time),
                                       *likelihood::truncated_to_box(*data.observed, priors));
-  m.noise = with_shared_errors(m, by_clock.clock, by_clock.rate, expected);
+  // Of the data's own clock the first time; of the model's one that does not depend on what has come.
+  const std::vector<double>& times = project.clock.empty() ? model.contents().time : m.time;
+  const double start = times.empty() ? 0 : times.front();
+  m.noise = with_shared_errors(m, start, by_clock.clock, by_clock.rate, expected);
   m.noise = with_motion(project.fields, m);
   return data;
 }

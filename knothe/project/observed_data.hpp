@@ -1,6 +1,7 @@
 #pragma once
 /// @file Measurements of every kind, as rows of one observed model at the times of the data.
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -25,6 +26,9 @@ struct ObservedData {
 /// the project. Errors: DataError where a source has no time in common, a series that is there already, or
 /// correlated noise; ProjectError for a standard deviation of a name that no series has.
 void add_sources(const Project& project, likelihood::Measurements& measured);
+
+/// The clock of a source, which joins those of `measured`; nothing where it is exact.
+std::optional<std::size_t> add_clock(const DataSource& source, likelihood::Measurements& measured);
 
 /// The sensors of the project, and those that its data bring.
 [[nodiscard]] std::vector<model::ScalarObservation> sensors_of(const Project& project,

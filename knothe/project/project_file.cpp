@@ -99,12 +99,12 @@ Project parse_project(const std::string& text, const std::string& path) {
   if (values.has_table("observations")) project.observations = read_observations(values);
   project.pictures = read_pictures(values);
   project.fields = read_field_options(values);
-  read_sources(values, project);
   if (values.has_table("offline")) project.offline = read_offline(values);
   if (values.has_table("simulate")) project.simulate = read_simulate(values);
   project.select = read_select(values);
   project.forecasts = read_forecasts(values);
   project.serve = read_serve(values, path);
+  read_sources(values, project);
   if (!values.complaints.empty()) throw_complaints(values.complaints, path);
   return project;
 }

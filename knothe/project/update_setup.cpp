@@ -158,12 +158,10 @@ bool is_fixed(const Project& project, const assimilation::Features& features) {
 /// The series that come one by one beside pictures, by one clock.
 void announce_series(const Project& project, likelihood::Measurements& measurements) {
   const std::vector<double> nothing(measurements.time.size(), std::nan(""));
-  for (const DataSource& source : project.sources)
-    measurements.clocks.push_back({source.name, source.time_offset_std, source.time_drift_std});
+  std::optional<std::size_t> clock;
+  for (const DataSource& source : project.sources) clock = add_clock(source, measurements);
   for (const auto& [name, std] : project.series_std)
-    measurements.series[name] = {nothing, std, {}, "", nothing, {}};
-  if (measurements.clocks.empty()) return;
-  for (auto& [name, series] : measurements.series) series.clock = 0;
+    measurements.series[name] = {nothing, std, {}, "", nothing, clock};
 }
 
 /// `features`: what it is for.

@@ -299,7 +299,14 @@ class Test(Case):
         self.expect(4, "assimilate", self.project_name, stderr=["machine.csv:3:1: error: column time: the times of a table of series increase"])
         self.machine([(0.0, 1.0), (1.0, 2.0)], "time,reaction_force (mm)")
         self.expect(4, "assimilate", self.project_name, stderr=['"reaction_force" is in mm, in the model in N'])
-        self.edit('file = "machine.csv"\n', "time_offset_std = 1.0\n")
+        self.edit('file = "machine.csv"', 'file = "u.h5"')
+        (self.folder / "machine.csv").unlink()
+        self.edit('file = "u.h5"\n\n[data.std]\nreaction_force = 2.0\n', "")
+        self.expect(0, "dic", self.project_name, "-o", "u.h5")
+        self.with_machine()
+        self.edit('file = "machine.csv"', 'file = "u.h5"')
+        self.expect(4, "assimilate", self.project_name, stderr=["u.h5: its displacements have correlated noise", "noise/precision"])
+        self.edit('file = "u.h5"\n', "time_offset_std = 1.0\n")
         self.expect(3, "assimilate", self.project_name, stderr=[self.position_of("time_offset_std"), "it needs both"])
 
 

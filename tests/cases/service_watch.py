@@ -168,6 +168,24 @@ class Test(ServiceCase):
         service.settled(2 * len(times))
         self.assertEqual([(line["mean"], line["log_evidence"]) for line in service.states()], [(line["mean"], line["log_evidence"]) for line in lines])
 
+    def test_the_clock_of_a_load_cell_beside_watched_pictures_may_be_off(self):
+        """Its forces are those of 0.02 earlier: the offset is found with the parameters."""
+        noise = random.Random(11)
+        times = [float(line.split(",")[0]) for line in (self.camera / "pictures.csv").read_text().splitlines()[1:]]
+        self.edit('pictures = "pictures/"\n', 'pictures = "pictures/"\ntime_offset_std = 0.05\n\n[data.std]\nreaction_force = 2.0\n\n')
+        service = self.watch()
+        for k, (name, t) in enumerate(zip(self.pictures, times)):
+            self.rename_into_place(name)
+            force = analytic_model.reaction_force(t - 0.02, 1.06, 0.96) + noise.gauss(0, 2)
+            self.assertEqual(service.send({"source": "cell", "session": "s", "seq": k, "time": t, "series": {"reaction_force": force}})[0], 200)
+            self.wait_for_records(service, 2 * k + 2)
+        service.settled(2 * len(times))
+        last = service.states()[-1]
+        self.assertEqual(last["verdict"]["level"], "ok")
+        self.assertAlmostEqual(last["nuisances"]["time_offset"]["mean"], 0.02, delta=0.01)
+        for k, truth in enumerate((1.06, 0.96)):
+            self.assertLess(abs(last["mean"][k] - truth), 3 * math.sqrt(last["covariance"][k][k]))
+
     def test_a_bad_picture_is_missing_and_said(self):
         service = self.watch()
         content = (self.camera / self.pictures[0]).read_bytes()

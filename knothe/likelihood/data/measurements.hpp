@@ -25,8 +25,8 @@ struct MeasuredSeries {
   std::optional<std::size_t> clock;
 };
 
-/// A clock beside that of the displacements: it is ahead of that by a + b (t − t₀), t₀ the first time, with
-/// a and b unknown.
+/// A clock beside that of the displacements: it is ahead of that by a + b (t − t₀), t₀ the model's first time
+/// (or, of data that tell the time by another series, their first), with a and b unknown.
 struct SeriesClock {
   std::string name;       ///< of the source; empty: there is but one
   double offset_std = 0;  ///< of a, in units of the time; 0: exact
