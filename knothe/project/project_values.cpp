@@ -317,7 +317,12 @@ Values parse_values(const std::string& text, const std::string& folder) {
     Reader(values).read_table(table, "");
   } catch (const toml::parse_error& error) {
     const int line = error.source().begin.line, column = error.source().begin.column;
-    values.complaints.push_back({line, column, fmt::format("not valid TOML: {}", error.description())});
+    std::string complaint = fmt::format("not valid TOML: {}", error.description());
+    // `data = "D.h5"` and [data.std], for instance.
+    if (complaint.find("redefine existing string") != std::string::npos)
+      complaint += ": beside further tables write `data = \"FILE\"` as [data] and `file = \"FILE\"`, "
+                   "`model = \"FILE\"` as [model] and `separated = \"FILE\"`";
+    values.complaints.push_back({line, column, complaint});
   }
   return values;
 }
