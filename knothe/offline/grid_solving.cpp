@@ -145,7 +145,7 @@ SolvedGrid solve_project_grid(const project::Project& project, model::Simulator&
   model::RunGrid grid = run_grid_of(project, parts_folder);
   // The off-grid runs judge an adaptive grid; without one they come last, when the grid's runs are safe.
   std::vector<model::OffGridSolution> off_grid;
-  if (options.adaptive_grid_error) off_grid = solve_off_grid(solver, grid, share_of_ranks());
+  if (options.adaptive_grid_error) off_grid = solve_off_grid(project, solver, grid, share_of_ranks());
   while (true) {
     SolvedGrid solved = run_grid(solver, grid, output);
     if (!options.adaptive_grid_error) return solved;
@@ -171,16 +171,16 @@ SolvedGrid solve_project_grid(const project::Project& project, model::Simulator&
   }
 }
 
-std::vector<std::vector<double>> off_grid_points(const std::vector<model::Axis>& axes) {
-  constexpr int k_points = 8;
+std::vector<std::vector<double>> off_grid_points(const project::Project& project,
+                                                 const std::vector<model::Axis>& axes) {
   constexpr std::uint64_t k_seed = 271;  // not that of `model verify`, whose points must be new
-  return points_in_box(axes, k_points, k_seed);
+  return points_in_box(axes, project.offline->scaling ? 24 : 8, k_seed);
 }
 
-std::vector<model::OffGridSolution> solve_off_grid(model::Simulator& solver, model::RunGrid grid,
-                                                   const model::JobShare& share) {
+std::vector<model::OffGridSolution> solve_off_grid(const project::Project& project, model::Simulator& solver,
+                                                   model::RunGrid grid, const model::JobShare& share) {
   grid.label = "off-grid runs";
-  const model::PointRuns found = run_points(solver, grid, off_grid_points(grid.axes), share);
+  const model::PointRuns found = run_points(solver, grid, off_grid_points(project, grid.axes), share);
   std::vector<model::Snapshots> solutions;
   for (Index i = 0; i < std::ssize(found.runs); ++i)
     if (!std::binary_search(found.failed.begin(), found.failed.end(), i))

@@ -37,12 +37,15 @@ void report_run(const model::RunSummary& run, const files::CommandOutput& output
                                                const std::string& parts_folder,
                                                const files::CommandOutput& output);
 
-/// Eight points of the box that are in no grid, to judge interpolation as well as compression.
-[[nodiscard]] std::vector<std::vector<double>> off_grid_points(const std::vector<model::Axis>& axes);
+/// Points of the box that are in no grid, to judge interpolation as well as compression: eight; 24 with
+/// `scaling`, where one costs little beside the runs of many load steps.
+[[nodiscard]] std::vector<std::vector<double>> off_grid_points(const project::Project& project,
+                                                               const std::vector<model::Axis>& axes);
 
 /// Full-order solutions there, in parallel and kept like those of the grid `grid`, in whose box they are. By
 /// the members of a job together where `share` says so. Errors: as model::run_points.
-[[nodiscard]] std::vector<model::OffGridSolution> solve_off_grid(model::Simulator& solver,
+[[nodiscard]] std::vector<model::OffGridSolution> solve_off_grid(const project::Project& project,
+                                                                 model::Simulator& solver,
                                                                  model::RunGrid grid,
                                                                  const model::JobShare& share = {});
 

@@ -17,6 +17,7 @@
 #include "knothe/offline/grid_solving.hpp"
 #include "knothe/offline/model_study.hpp"
 #include "knothe/offline/problem.hpp"
+#include "knothe/offline/similar_runs.hpp"
 
 namespace knothe::offline {
 namespace {
@@ -52,12 +53,12 @@ SolvedGrid solve(const project::Project& project, model::Simulator& solver, cons
   const project::OfflineOptions& options = *project.offline;
   if (options.method == project::OfflineMethod::latin) return {solve_latin(project, parts, output), {}, 0};
   if (options.adaptive_grid_shift) return solve_adaptive_grid(project, solver, parts, output);
-  const auto of_grid = grid_simulator(project, parameter_axes(project));
-  SolvedGrid solved = solve_project_grid(project, *of_grid, parts, output);
+  SolvedGrid solved = options.scaling ? solve_similar_grid(project, parts, output)
+                                      : solve_project_grid(project, solver, parts, output);
   if (!solved.off_grid.empty()) return solved;
   model::RunGrid grid = run_grid_of(project, parts);
   grid.axes = solved.solutions.snapshots.axes;
-  solved.off_grid = solve_off_grid(solver, std::move(grid), share_of_ranks());
+  solved.off_grid = solve_off_grid(project, solver, std::move(grid), share_of_ranks());
   return solved;
 }
 
@@ -81,16 +82,26 @@ void make_share(const project::Project& project, model::Simulator& solver, const
     throw UsageError(
         "--share: the runs must be known beforehand, those of a grid; LATIN-PGD, grid_error and grid_shift "
         "take MPI (mpirun, srun)");
-  model::RunGrid grid = run_grid_of(project, parts);
-  std::vector<std::vector<double>> points = points_of(grid), own;
-  for (auto& point : off_grid_points(grid.axes)) points.push_back(std::move(point));
-  for (std::size_t i = share.rank; i < points.size(); i += share.size) own.push_back(points[i]);
-  std::size_t computed = 0;
-  if (!own.empty()) computed = model::run_points(solver, grid, own).computed.size();
-  output.line({{"done", true}, {"share", options.share}, {"runs", own.size()}, {"computed", computed}},
+  const model::RunGrid grid = run_grid_of(project, parts);
+  std::size_t computed = 0, own = 0, all = 0;
+  const auto make = [&](model::Simulator& simulator, const std::vector<std::vector<double>>& points) {
+    std::vector<std::vector<double>> mine;
+    for (const std::vector<double>& point : points)
+      if (static_cast<int>(all++ % share.size) == share.rank) mine.push_back(point);
+    own += mine.size();
+    if (!mine.empty()) computed += model::run_points(simulator, grid, mine).computed.size();
+  };
+  if (project.offline->scaling) {
+    SimilarRuns runs(project);
+    make(runs.solver, runs.similarity.points());
+  } else {
+    make(solver, points_of(grid));
+  }
+  make(solver, off_grid_points(project, grid.axes));
+  output.line({{"done", true}, {"share", options.share}, {"runs", own}, {"computed", computed}},
               fmt::format("share {}: {} of {} runs ({} reused from an earlier call). After all shares, run "
                           "the same command without --share to make the model",
-                          options.share, own.size(), points.size(), own.size() - computed));
+                          options.share, own, all, own - computed));
 }
 
 void check_method(const project::OfflineOptions& options) {
@@ -128,7 +139,7 @@ void build(const BuildOptions& build, const files::CommandOutput& output) {
   // In an MPI job all ranks have computed runs and now hold the same snapshots; the first one goes on.
   if (!is_first) return;
   model::ModelContents model = compressed(project, solutions);
-  if (off_grid.empty()) off_grid = solve_off_grid(*solver, run_grid_of(project, parts));
+  if (off_grid.empty()) off_grid = solve_off_grid(project, *solver, run_grid_of(project, parts));
   if (off_grid.empty()) {
     fmt::print(stderr,
                "knothe: warning: all runs off the grid failed: the model's error there is not known\n");
@@ -138,7 +149,14 @@ void build(const BuildOptions& build, const files::CommandOutput& output) {
     model.off_grid = {std::max(between.relative, between.plain_relative), between.max,
                       "full-order solutions"};
   }
-  model::write_model(model, model::truncation_error(model, solutions, off_grid), build.model);
+  model::TruncationError error = model::truncation_error(model, solutions, off_grid);
+  if (options.scaling) {
+    const Similarity similarity(beam_problem(project), parameter_axes(project), options.scaling_runs);
+    error.alike = similarity.exponents();
+    // Of points between the same runs.
+    if (!error.alike.empty()) error.alike_within = similarity.nodes()[0][1] - similarity.nodes()[0][0];
+  }
+  model::write_model(model, error, build.model);
   if (build.study) study_models(project, solutions, off_grid, output);
   if (failed == 0)
     remove_finished_runs(parts);

@@ -7,7 +7,6 @@
 #include "knothe/model/simulator/command_simulator.hpp"
 #include "knothe/model/simulator/resampled_simulator.hpp"
 #include "knothe/numerics/integrate/sobol.hpp"
-#include "knothe/offline/full_order/scaled_simulator.hpp"
 #include "knothe/offline/umbridge_simulator.hpp"
 
 namespace knothe::offline {
@@ -64,7 +63,6 @@ std::vector<model::Axis> parameter_axes(const project::Project& project) {
     axes.push_back(!project.offline->is_beam()
                        ? own_axis(p)
                        : parameter_axis(p.name, p.reference, p.lower, p.upper, p.nodes));
-  if (project.offline->scaling) space_by_ratio(axes);
   return axes;
 }
 
@@ -87,41 +85,19 @@ std::vector<std::vector<double>> points_in_box(const std::vector<model::Axis>& a
   return points;
 }
 
-namespace {
-
-/// Load steps of a run that serves several points, for one of the project's.
-constexpr int k_substeps = 4;
-
-/// The solver itself, at its own times.
-std::unique_ptr<model::Simulator> own_simulator(const project::Project& project,
-                                                std::vector<model::Axis> axes, bool scaled) {
-  if (project.offline->command)
-    return std::make_unique<model::CommandSimulator>(*project.offline->command, std::move(axes));
-  if (project.offline->umbridge)
-    return std::make_unique<UmbridgeSimulator>(*project.offline->umbridge, std::move(axes));
-  if (scaled) return std::make_unique<ScaledSimulator>(beam_problem(project), std::move(axes), k_substeps);
-  return std::make_unique<BeamSimulator>(beam_problem(project), std::move(axes));
-}
-
-std::unique_ptr<model::Simulator> simulator_of(const project::Project& project, std::vector<model::Axis> axes,
-                                               bool scaled) {
+std::unique_ptr<model::Simulator> project_simulator(const project::Project& project,
+                                                    std::vector<model::Axis> axes) {
   project.require(project.offline.has_value(), "a table [offline]");
-  std::unique_ptr<model::Simulator> solver = own_simulator(project, std::move(axes), scaled);
+  std::unique_ptr<model::Simulator> solver;
+  if (project.offline->command)
+    solver = std::make_unique<model::CommandSimulator>(*project.offline->command, std::move(axes));
+  else if (project.offline->umbridge)
+    solver = std::make_unique<UmbridgeSimulator>(*project.offline->umbridge, std::move(axes));
+  else
+    solver = std::make_unique<BeamSimulator>(beam_problem(project), std::move(axes));
   const model::TimeAxis& time = project.offline->time;
   if (time.output.empty()) return solver;
   return std::make_unique<model::ResampledSimulator>(std::move(solver), time);
-}
-
-}  // namespace
-
-std::unique_ptr<model::Simulator> project_simulator(const project::Project& project,
-                                                    std::vector<model::Axis> axes) {
-  return simulator_of(project, std::move(axes), false);
-}
-
-std::unique_ptr<model::Simulator> grid_simulator(const project::Project& project,
-                                                 std::vector<model::Axis> axes) {
-  return simulator_of(project, std::move(axes), project.offline && project.offline->scaling);
 }
 
 }  // namespace knothe::offline

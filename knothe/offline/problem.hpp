@@ -25,8 +25,5 @@ namespace knothe::offline {
 /// BeamSimulator.
 [[nodiscard]] std::unique_ptr<model::Simulator> project_simulator(const project::Project& project,
                                                                   std::vector<model::Axis> axes);
-/// The one for the runs of the grid: with `scaling`, one that solves once for points that are similar.
-[[nodiscard]] std::unique_ptr<model::Simulator> grid_simulator(const project::Project& project,
-                                                               std::vector<model::Axis> axes);
 
 }  // namespace knothe::offline

@@ -59,9 +59,11 @@ void add_body_options(Section<O>& s) {
 
 void add_reduction_options(Section<O>& s) {
   s.choice("scaling", &O::scaling, "off", "on",
-           "On: one full-order run serves all grid points with the same Y0 Ad, and all values of E, by the "
-           "beam's exact "
-           "similarity: n + m − 1 runs for n × m points, whose nodes then have a common ratio.");
+           "On: the grid is filled from full-order runs at a few values of Y0 Ad, by the beam's exact "
+           "similarity; E needs none. The number of nodes costs no run.");
+  s.add("scaling_runs", &O::scaling_runs, "With `scaling`: values of Y0 Ad at which the beam is solved.",
+        at_least(4));
+  s.add("scaling_steps", &O::scaling_steps, "With `scaling`: load steps of these runs.", at_least(10));
   s.add("processes", &O::processes, "Number of processes that compute full-order runs in parallel.",
         at_least(1));
   s.choice("failed_runs", &O::leave_out_failed, "stop", "leave-out",
@@ -242,6 +244,21 @@ void check_grid_shift(Values& values, const OfflineOptions& o) {
          "\"grid_shift\" chooses runs for at most 8 parameters");
 }
 
+/// What fills the grid does not go with what chooses its runs.
+void check_scaling(Values& values, const OfflineOptions& o) {
+  if (!o.scaling) return;
+  const auto refuse = [&](bool when, const char* key) {
+    if (when)
+      values.complain(std::string("offline.") + key,
+                      fmt::format("[offline] scaling = \"on\" fills the grid from \"scaling_runs\" full-order "
+                                  "runs: leave \"{}\" away",
+                                  key));
+  };
+  refuse(o.adaptive_grid_error.has_value(), "adaptive.grid_error");
+  refuse(o.adaptive_grid_shift.has_value(), "adaptive.grid_shift");
+  refuse(o.sparse_level.has_value(), "sparse_level");
+}
+
 /// What goes with the beam alone.
 void check_own_solver(Values& values, const OfflineOptions& o) {
   if (values.has("offline.command.units") && !values.has("offline.command.names"))
@@ -255,7 +272,8 @@ void check_own_solver(Values& values, const OfflineOptions& o) {
     values.complain("offline.method",
                     "LATIN-PGD solves for the built-in beam: another solver needs method = \"snapshots\"");
   for (const char* key : {"mesh", "damage", "latin", "steps", "displacement", "young_modulus",
-                          "poisson_ratio", "left_support", "crack_lengths", "scaling"}) {
+                          "poisson_ratio", "left_support", "crack_lengths", "scaling",
+                          "scaling_runs", "scaling_steps"}) {
     const std::string path = std::string("offline.") + key;
     if (values.has(path) || values.has_table(path))
       values.complain(path, fmt::format("[offline] {} is of the built-in beam: leave it away beside "
@@ -336,6 +354,7 @@ OfflineOptions read_offline(Values& values) {
     values.complain("offline.adaptive",
                     "[offline.adaptive]: give \"error\" or \"posterior_shift\", not both");
   check_grid_shift(values, o);
+  check_scaling(values, o);
   if (is_own) {
     check_own_solver(values, o);
     return o;

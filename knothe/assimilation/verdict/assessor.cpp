@@ -320,22 +320,33 @@ void Assessor::forget_from(std::size_t step) {
 
 /// How much each known error says of the model's error over the posterior, adding up to one: of one that
 /// speaks for its surroundings the density of those at the posterior, of one that speaks for the whole box
-/// the uniform one.
+/// the uniform one, times how alike it is there.
 Eigen::VectorXd Assessor::relevance_of_errors(const UpdateResult& update) const {
   Eigen::VectorXd logarithm = Eigen::VectorXd::Zero(errors_.count());
-  if (errors_.points.size() == 0 || errors_.reach.isZero(0))
+  if (errors_.points.size() == 0 || (errors_.reach.isZero(0) && errors_.alike.size() == 0))
     return Eigen::VectorXd::Constant(errors_.count(), 1.0 / errors_.count());
-  for (Index j = 0; j < errors_.count(); ++j)
+  const auto log_normal = [](double away, double variance) {
+    return -0.5 * (away * away / variance + std::log(2 * M_PI * variance));
+  };
+  // Of Σ e ln p, where errors that are alike are told by it: the range over the box, the posterior's variance.
+  double range = 0, spread = errors_.alike_within * errors_.alike_within;
+  if (errors_.alike.size() > 0) {
+    const Eigen::VectorXd slope = errors_.alike.cwiseQuotient(update.mean);
+    spread += slope.dot(update.covariance * slope);
+    for (Index a = 0; a < priors_.dimension(); ++a)
+      range += std::abs(errors_.alike[a]) * std::log(priors_.prior(a).upper() / priors_.prior(a).lower());
+  }
+  for (Index j = 0; j < errors_.count(); ++j) {
     for (Index a = 0; a < priors_.dimension(); ++a) {
       const double reach = errors_.reach(j, a);
-      if (reach == 0) {
-        logarithm[j] -= std::log(priors_.prior(a).upper() - priors_.prior(a).lower());
-        continue;
-      }
-      const double variance = update.covariance(a, a) + reach * reach;
-      const double away = update.mean[a] - errors_.points(j, a);
-      logarithm[j] -= 0.5 * (away * away / variance + std::log(2 * M_PI * variance));
+      logarithm[j] += reach > 0 ? log_normal(update.mean[a] - errors_.points(j, a),
+                                             update.covariance(a, a) + reach * reach)
+                                : -std::log(priors_.prior(a).upper() - priors_.prior(a).lower());
     }
+    if (!(range > 0) || std::isinf(range) || !errors_.reach.row(j).isZero(0)) continue;
+    const Eigen::VectorXd ratio = update.mean.cwiseQuotient(errors_.points.row(j).transpose());
+    logarithm[j] += std::log(range) + log_normal(errors_.alike.dot(ratio.array().log().matrix()), spread);
+  }
   const Eigen::VectorXd density = (logarithm.array() - logarithm.maxCoeff()).exp();
   return density / density.sum();
 }

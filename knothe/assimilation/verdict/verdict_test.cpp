@@ -346,6 +346,32 @@ TEST(Verdict, ShiftByTheModelsErrorIsThatOfTheConjugateFormula) {
   EXPECT_EQ(assessor.assess(posterior, all).model_shift_std, found);
 }
 
+// Errors that are alike where a b is: those of other products do not count.
+TEST(Verdict, ErrorsCountWhereTheyAreAlike) {
+  const Bench bench;  // a b = 1.08
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal;
+  model::ObservedErrors errors;
+  errors.space = MatrixXd::NullaryExpr(k_case_sensors, 2, [&] { return 0.01 * normal(random); });
+  errors.points.resize(4, 2);
+  errors.points << 1.2, 0.9, 0.72, 1.5, 0.6, 0.6, 1.4, 1.4;
+  errors.reach = MatrixXd::Zero(4, 2);
+  for (Index t = 0; t < k_case_times; ++t)
+    errors.coefficients.emplace_back(MatrixXd::NullaryExpr(2, 4, [&] { return normal(random); }));
+  model::ObservedErrors near = errors;
+  near.points = MatrixXd(errors.points.topRows(2));
+  near.reach = MatrixXd::Zero(2, 2);
+  for (MatrixXd& coefficients : near.coefficients) coefficients = MatrixXd(coefficients.leftCols(2));
+  for (MatrixXd& coefficients : errors.coefficients) coefficients.rightCols(2) *= 100;
+  const VectorXd everywhere = bench.verdict({}, errors).model_shift_std;
+  errors.alike = Eigen::Vector2d::Ones();
+  errors.alike_within = 0.1;
+  const VectorXd found = bench.verdict({}, errors).model_shift_std;
+  const VectorXd expected = bench.verdict({}, near).model_shift_std;
+  EXPECT_GT(everywhere.minCoeff(), 10 * expected.maxCoeff());
+  EXPECT_LT((found - expected).cwiseAbs().maxCoeff(), 0.05 * expected.maxCoeff());
+}
+
 TEST(Verdict, APosteriorPressedAgainstAnEdgeIsRejected) {
   Bench bench;
   std::mt19937 random(2);

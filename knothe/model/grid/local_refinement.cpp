@@ -397,7 +397,12 @@ TruncationError error_of(const TruncationError& base, const ModelContents& conte
     return sum;
   };
   TruncationError result;
-  for (const Axis& axis : axes) result.parameters.push_back(axis.name);
+  result.alike_within = base.alike_within;
+  for (const Axis& axis : axes) {
+    result.parameters.push_back(axis.name);
+    const auto in_file = std::ranges::find(base.parameters, axis.name);  // the file may have another order
+    if (!base.alike.empty()) result.alike.push_back(base.alike[in_file - base.parameters.begin()]);
+  }
   const MatrixXd points = points_in(at);
   const auto root_mean_square = [](const VectorXd& v) { return v.norm() / std::sqrt(v.size()); };
   const double missed = root_mean_square(interpolation.missed_std(points));

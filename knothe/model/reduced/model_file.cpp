@@ -153,6 +153,9 @@ void validate_truncation(const TruncationError& error, std::size_t times, std::s
   const files::Shape shape = {error.off_grid_count(), error.parameters.size()};
   check.array("/truncation/off_grid_points", error.off_grid_points, shape);
   check.array("/truncation/off_grid_reach", error.off_grid_reach, shape);
+  if (error.alike.empty()) return;
+  check.array("/truncation/alike", error.alike, {error.parameters.size()});
+  check.require(error.alike_within > 0, "attribute within of /truncation/alike must be positive");
 }
 
 void write_truncation(files::Hdf5Writer& file, const TruncationError& error, std::size_t times,
@@ -178,6 +181,10 @@ void write_truncation(files::Hdf5Writer& file, const TruncationError& error, std
   file.write(
       "/truncation/off_grid_reach", error.off_grid_reach, shape,
       {"1", "standard deviation around each within which its error speaks for others; 0: the whole box"});
+  if (error.alike.empty()) return;
+  file.write("/truncation/alike", error.alike, {error.parameters.size()},
+             {"1", "exponents e: errors are alike where the sum of e ln p is"});
+  file.number_attribute("/truncation/alike", "within", error.alike_within);
 }
 
 }  // namespace
@@ -203,6 +210,10 @@ TruncationError read_sound_truncation_error(const std::string& path) {
     for (const Axis& axis : read_axes(file)) error.parameters.push_back(axis.name);
     error.off_grid_points = file.read("/truncation/off_grid_points");
     error.off_grid_reach = file.read("/truncation/off_grid_reach");
+  }
+  if (file.has("/truncation/alike")) {
+    error.alike = file.read("/truncation/alike");
+    error.alike_within = file.number_attribute("/truncation/alike", "within");
   }
   validate_truncation(error, error.variance.size(), space[1], Validation(path));
   return error;

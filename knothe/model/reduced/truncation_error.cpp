@@ -398,8 +398,11 @@ ObservedErrors observe_off_grid(const TruncationError& error, const ModelContent
   const auto d = std::ssize(model.axes), all_d = std::ssize(error.parameters);
   known.points.resize(m, d);
   known.reach.resize(m, d);
+  known.alike.resize(error.alike.empty() ? 0 : d);
+  known.alike_within = error.alike_within;
   for (Index a = 0; a < d; ++a) {
     const auto found = std::find(error.parameters.begin(), error.parameters.end(), model.axes[a].name);
+    if (known.alike.size() > 0) known.alike[a] = error.alike[found - error.parameters.begin()];
     for (Index j = 0; j < m; ++j) {
       const std::size_t entry = j * all_d + (found - error.parameters.begin());
       known.points(j, a) = error.off_grid_points[entry];

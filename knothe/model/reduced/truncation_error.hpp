@@ -31,6 +31,10 @@ struct TruncationError {
   /// errors speak for others, as a standard deviation: 0 for the whole box. Empty in files of before: the
   /// whole box.
   std::vector<double> off_grid_points, off_grid_reach;
+  /// [d] exponents e: errors that speak for the whole box are alike where Σ e ln p is, within this standard
+  /// deviation. Empty: everywhere.
+  std::vector<double> alike;
+  double alike_within = 0;
   /// [m, n_t] by name: errors of the model's outputs at those solutions, in the outputs' units. Of an output
   /// that one of them does not have nothing is known.
   std::map<std::string, std::vector<double>> off_grid_outputs;
@@ -81,6 +85,8 @@ struct ObservedErrors {
   /// k × d: where, by the observed model's parameters, and how far around it they speak (0: in the whole
   /// box); empty: all in the whole box.
   Eigen::MatrixXd points, reach;
+  Eigen::VectorXd alike;    ///< d: as in TruncationError; empty: none
+  double alike_within = 0;  ///< likewise
   [[nodiscard]] Index count() const { return coefficients.empty() ? 0 : coefficients[0].cols(); }
 };
 
