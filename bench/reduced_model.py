@@ -133,7 +133,7 @@ def main():
             (folder / "quick.toml").write_text(project(37, SCALING, truth))
             call(folder, "simulate", "quick.toml", "-o", "data.h5", "--seed", str(seed))
             with h5py.File(folder / "data.h5") as data:
-                wanted = list(zip(data["sensors/points"][:].round(9).tolist(), data["sensors/component"][:].tolist()))
+                wanted = list(zip(data["dofs/points"][:].round(9).tolist(), data["dofs/component"][:].tolist()))
             dofs = [read[-1].points.index(sensor) for sensor in wanted]
             (exact,) = [u for p, u in runs(folder, truth, (0.01, 0.01), 3).items() if numpy.allclose(p, truth, atol=1e-9)]
             data = exact[:, dofs]

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
+#include <utility>
 
 #include <nlohmann/json.hpp>
 
@@ -87,7 +88,7 @@ void make_share(const project::Project& project, model::Simulator& solver, const
   const auto make = [&](model::Simulator& simulator, const std::vector<std::vector<double>>& points) {
     std::vector<std::vector<double>> mine;
     for (const std::vector<double>& point : points)
-      if (static_cast<int>(all++ % share.size) == share.rank) mine.push_back(point);
+      if (std::cmp_equal(all++ % share.size, share.rank)) mine.push_back(point);
     own += mine.size();
     if (!mine.empty()) computed += model::run_points(simulator, grid, mine).computed.size();
   };

@@ -35,7 +35,7 @@ int steps_of_runs(int steps) { return std::lround(steps * k_longer); }
 /// So many steps up to the last displacement, and further ones.
 BeamProblem going_on(BeamProblem problem, int steps) {
   problem.solver.steps = steps_of_runs(steps);
-  problem.solver.displacement *= static_cast<double>(problem.solver.steps) / steps;
+  problem.solver.displacement *= 1.0 * problem.solver.steps / steps;
   return problem;
 }
 
@@ -224,7 +224,7 @@ SimilarRuns::SimilarRuns(const project::Project& project)
     : similarity(beam_problem(project), parameter_axes(project), project.offline->scaling_runs),
       solver(going_on(beam_problem(project), project.offline->scaling_steps), parameter_axes(project)) {
   const int steps = project.offline->scaling_steps;
-  for (int i = 1; i <= steps_of_runs(steps); ++i) time.push_back(static_cast<double>(i) / steps);
+  for (int i = 1; i <= steps_of_runs(steps); ++i) time.push_back(1.0 * i / steps);
 }
 
 SolvedGrid solve_similar_grid(const project::Project& project, const std::string& parts_folder,
