@@ -433,6 +433,30 @@ TEST(Engine, AMisfitIsSeenWithCorrelatedNoiseAndAMissingValue) {
   }
 }
 
+TEST(Engine, AfterAChangeTheVerdictIsThatOfTheLaterDataAlone) {
+  const auto fit = [](likelihood::RobustOptions robust, std::vector<std::size_t> changes, std::size_t first) {
+    EngineSetup setup = independent_setup();
+    const std::size_t last = setup.model->time.size() - 1;
+    std::vector<Datum> data = data_in_order(setup, static_cast<int>(last + 1), 12);
+    setup.robust = robust;
+    setup.update.change_points = std::move(changes);
+    Engine engine(setup);
+    for (Datum& d : data) {
+      if (d.step < 2)
+        d.values +=
+            setup.model->predict(Eigen::Vector2d(0.6, 1.4), d.step) - setup.model->predict(k_truth, d.step);
+      if (d.step >= first) engine.add(d);
+    }
+    return engine.posterior_at(last).update.verdict.fit_probability;
+  };
+  for (const likelihood::RobustOptions robust :
+       {likelihood::RobustOptions{}, likelihood::RobustOptions{50, 0}, likelihood::RobustOptions{0, 4}}) {
+    SCOPED_TRACE(robust.gate + robust.degrees_of_freedom);
+    EXPECT_NEAR(fit(robust, {2}, 0), fit(robust, {}, 2), 1e-12);
+    EXPECT_LT(fit(robust, {}, 0), 0.5 * fit(robust, {2}, 0));
+  }
+}
+
 TEST(Engine, CandidatesAreComparedUnderAStudentLikelihoodToo) {
   EngineSetup setup = independent_setup();
   setup.robust.degrees_of_freedom = 4;

@@ -43,8 +43,9 @@ void RobustUpdate::set_step_noise(std::size_t step, const likelihood::GaussianNo
   noise_ = noise_.with_step(step, noise);
 }
 
-RobustUpdate::Prediction RobustUpdate::predict(std::size_t time_index) const {
-  const posterior::Posterior& before = last_ ? posterior() : prior_;
+RobustUpdate::Prediction RobustUpdate::predict(std::size_t step, std::size_t time_index) const {
+  const bool knows = last_ && changes().power_before(step) > 0;
+  const posterior::Posterior& before = knows ? posterior() : prior_;
   const auto& functions = *model_->functions;
   model::FunctionBatch batch;
   batch.resize(before.points.rows(), functions.dimension(), functions.count(), 0);
@@ -73,7 +74,7 @@ const UpdateResult& RobustUpdate::update(std::size_t step, std::size_t time_inde
     noise_std_ = noise_.at_step(step).standard_deviations();
     last_had_own_noise_ = own;
   }
-  Prediction before = predict(time_index);
+  Prediction before = predict(step, time_index);
   if (const Eigen::MatrixXd* factor = noise_.step_error(step))
     before.variance += factor->rowwise().squaredNorm();
   check_sensors(before, values);

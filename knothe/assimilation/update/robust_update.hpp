@@ -38,6 +38,10 @@ class RobustUpdate {
   [[nodiscard]] const UpdateResult& result() const { return result_; }
   [[nodiscard]] const SensorReport& sensors() const { return sensors_; }
   [[nodiscard]] const posterior::Posterior& posterior() const { return result_; }
+  /// Changes of the structure, known or found so far.
+  [[nodiscard]] const StructureChanges& changes() const {
+    return student_ ? student_->changes() : gaussian_->changes();
+  }
   /// The form of the last datum given those before; null before the first.
   [[nodiscard]] const likelihood::StepForm* latest_form() const {
     if (!last_) return nullptr;
@@ -48,7 +52,7 @@ class RobustUpdate {
   struct Prediction {
     Eigen::VectorXd mean, variance;  ///< n, without the noise
   };
-  [[nodiscard]] Prediction predict(std::size_t time_index) const;
+  [[nodiscard]] Prediction predict(std::size_t step, std::size_t time_index) const;
   void check_sensors(const Prediction& before, const Eigen::Ref<const Eigen::VectorXd>& values);
   void assimilate(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values);
 
