@@ -35,8 +35,6 @@ class OrderedMethod : public PosteriorMethod {
   std::unique_ptr<RobustUpdate> robust_;
   std::map<Place, Timed> data_;
   std::optional<Place> last_;  ///< assimilated
-  std::size_t number_ =
-      0;  ///< of the last datum assimilated: its step, or more where steps have several data
   UpdateResult result_;
 };
 

@@ -175,19 +175,21 @@ bool StudentUpdate::find_change(std::size_t last, const ModelSupervision::DriftA
 }
 
 std::optional<ModelSupervision::DriftAlarm> StudentUpdate::assimilate(const Entry& entry) {
-  const double before = result_.log_evidence;
-  if (changes_.possible()) forget(entry.step);
+  const bool same = !first_ && result_.step == entry.step;
+  const Eigen::Index used = same ? result_.used : 0, missing = same ? result_.missing : 0;
+  if (!same) before_ = result_.log_evidence;
+  if (!same && changes_.possible()) forget(entry.step);
   likelihood_.add(entry.time_index, entry.values, entry.scale);
   compute();
   result_.step = entry.step;
   result_.time = model_->time[entry.time_index];
-  result_.used = likelihood_.last_used();
-  result_.missing = entry.values.size() - result_.used;
+  result_.used = used + likelihood_.last_used();
+  result_.missing = missing + entry.values.size() - likelihood_.last_used();
   const auto start = monotonic_now();
   set_most_probable();
   result_.log_evidence += forgotten_;
   result_.log_evidence_lower_bound += forgotten_;
-  result_.log_evidence_increment = result_.log_evidence - before;
+  result_.log_evidence_increment = result_.log_evidence - before_;
   result_.elapsed_us.correction += microseconds_since(start);
   first_ = false;
   return watch(entry.step);

@@ -30,7 +30,8 @@ class StudentUpdate {
   StudentUpdate(std::shared_ptr<const model::ObservedModel> model, const likelihood::NoiseModel& noise,
                 std::vector<posterior::Prior> priors, UpdateOptions options, double degrees);
 
-  /// Assimilates a datum, later than those before; `scale`: σ of its values, n, > 0.
+  /// Assimilates a datum, of the last step or a later one; `scale`: σ of its values, n, > 0. Increments and
+  /// counts of the result are those of its step.
   const UpdateResult& update(std::size_t step, std::size_t time_index,
                              const Eigen::Ref<const Eigen::VectorXd>& values,
                              const Eigen::Ref<const Eigen::VectorXd>& scale);
@@ -78,6 +79,7 @@ class StudentUpdate {
   std::vector<Entry> entries_;  ///< all data, where a change may be found
   bool restarts_on_alarm_;
   double forgotten_ = 0;  ///< log-evidence of what counts no longer
+  double before_ = 0;     ///< log-evidence of the steps before the last
   bool first_ = true;
   likelihood::StoredStep latest_;
   UpdateResult result_;
