@@ -127,14 +127,6 @@ struct Results {
   [[nodiscard]] std::vector<std::string> forecast_names() const;
 };
 
-/// `value` of each step.
-template <class Function>
-[[nodiscard]] std::vector<double> over_steps(const Results& results, const Function& value) {
-  std::vector<double> out;
-  for (const Step& s : results.steps) out.push_back(value(s));
-  return out;
-}
-
 /// Reads FOLDER/steps.jsonl and, if it is there, FOLDER/summary.json. Errors: DataError with file and line
 /// for a missing folder or file, a line that is not JSON, lacks a key or has a value of the wrong kind or
 /// shape.

@@ -174,10 +174,10 @@ void Engine::assess(std::size_t step, StepResult& result) {
   if (const auto* any = method_->update()) result.lasting_errors = any->lasting_errors(posterior.functions);
   posterior.lasting_errors = result.lasting_errors;
   posterior.corrected = update != nullptr && update->is_corrected();
-  if (update != nullptr && update->changes().possible()) {
+  if (method_->changes().possible()) {
     std::vector<std::size_t> steps;
     for (const likelihood::DatumPointer& datum : data) steps.push_back(datum->step);
-    data = data.subspan(update->changes().count_forgotten(steps));
+    data = data.subspan(method_->changes().count_forgotten(steps));
     assessor_.forget_from(0);
   } else if (update != nullptr) {
     posterior.all_data = &update->sums();

@@ -433,6 +433,57 @@ TEST(Engine, AMisfitIsSeenWithCorrelatedNoiseAndAMissingValue) {
   }
 }
 
+/// With a gate that rejects nothing: what there is without it, in steps of several data too.
+TEST(Engine, SeveralDataOfAStepGrowOldOnce) {
+  for (const likelihood::RobustOptions robust : {likelihood::RobustOptions{1e6, 0}, {0, 1e7}}) {
+    SCOPED_TRACE(robust.gate);
+    EngineSetup plain = independent_setup();
+    plain.update.forgetting = 0.7;
+    plain.update.change_points = {2};
+    plain.update.change_retention = 0.3;
+    plain.noise = plain.noise.with_step(
+        1, NoiseModel::independent(Eigen::VectorXd::Constant(k_sensors, 0.6)).measurement());
+    EngineSetup robust_setup = plain;
+    robust_setup.robust = robust;
+    Engine without(plain), with(robust_setup);
+    for (const Datum& d : random_data(plain, 12, 14)) {
+      without.add(d);
+      with.add(d);
+    }
+    const std::size_t last = *without.last_step();
+    const UpdateResult a = without.posterior_at(last).update, b = with.posterior_at(last).update;
+    EXPECT_LT((a.mean - b.mean).norm(), 1e-3 * a.standard_deviations().norm());
+    EXPECT_NEAR(a.log_evidence, b.log_evidence, 0.01);
+    EXPECT_NEAR(a.log_evidence_increment, b.log_evidence_increment, 0.01);
+    EXPECT_EQ(a.used, b.used);
+    EXPECT_EQ(a.missing, b.missing);
+  }
+}
+
+TEST(Engine, AfterAChangeTheVerdictIsThatOfTheLaterDataAlone) {
+  const auto fit = [](likelihood::RobustOptions robust, std::vector<std::size_t> changes, std::size_t first) {
+    EngineSetup setup = independent_setup();
+    const std::size_t last = setup.model->time.size() - 1;
+    std::vector<Datum> data = data_in_order(setup, static_cast<int>(last + 1), 12);
+    setup.robust = robust;
+    setup.update.change_points = std::move(changes);
+    Engine engine(setup);
+    for (Datum& d : data) {
+      if (d.step < 2)
+        d.values +=
+            setup.model->predict(Eigen::Vector2d(0.6, 1.4), d.step) - setup.model->predict(k_truth, d.step);
+      if (d.step >= first) engine.add(d);
+    }
+    return engine.posterior_at(last).update.verdict.fit_probability;
+  };
+  for (const likelihood::RobustOptions robust :
+       {likelihood::RobustOptions{}, likelihood::RobustOptions{50, 0}, likelihood::RobustOptions{0, 4}}) {
+    SCOPED_TRACE(robust.gate + robust.degrees_of_freedom);
+    EXPECT_NEAR(fit(robust, {2}, 0), fit(robust, {}, 2), 1e-12);
+    EXPECT_LT(fit(robust, {}, 0), 0.5 * fit(robust, {2}, 0));
+  }
+}
+
 TEST(Engine, CandidatesAreComparedUnderAStudentLikelihoodToo) {
   EngineSetup setup = independent_setup();
   setup.robust.degrees_of_freedom = 4;

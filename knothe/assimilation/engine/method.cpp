@@ -27,6 +27,7 @@ class FormMethod final : public PosteriorMethod {
   [[nodiscard]] std::optional<likelihood::StepForm> form_up_to(std::size_t step) override {
     return update_.form_up_to(step);
   }
+  [[nodiscard]] const StructureChanges& changes() const override { return update_.changes(); }
   [[nodiscard]] const SequentialUpdate* update() const override { return &update_; }
 
  private:

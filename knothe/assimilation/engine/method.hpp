@@ -29,6 +29,8 @@ class PosteriorMethod {
   [[nodiscard]] virtual const likelihood::StepForm* form_of(std::size_t step) const = 0;
   /// The quadratic form of all data of steps ≤ `step`; none for a method without forms.
   [[nodiscard]] virtual std::optional<likelihood::StepForm> form_up_to(std::size_t step) = 0;
+  /// Changes of the structure, known or found so far.
+  [[nodiscard]] virtual const StructureChanges& changes() const = 0;
   /// The update behind it, where there is one: bias and discrepancy.
   [[nodiscard]] virtual const SequentialUpdate* update() const { return nullptr; }
 };

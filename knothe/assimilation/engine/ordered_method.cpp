@@ -1,10 +1,7 @@
 #include "knothe/assimilation/engine/ordered_method.hpp"
 
-#include <algorithm>
-
 namespace knothe::assimilation {
 
-using likelihood::Datum;
 using likelihood::DatumKey;
 
 OrderedMethod::OrderedMethod(const Problem& problem) : problem_(problem) {
@@ -30,15 +27,7 @@ void OrderedMethod::withdraw(std::size_t step, const DatumKey& key) {
 }
 
 void OrderedMethod::assimilate(const Place& place, const Timed& timed) {
-  const Datum& datum = *timed.datum;
-  const std::size_t step = place.first;
-  number_ = last_ ? std::max(step, number_ + 1) : step;
-  if (datum.noise || (number_ != step && has_own_noise(problem_.noise, step))) {
-    const likelihood::GaussianNoise& noise = datum.noise ? *datum.noise : problem_.noise.at_step(step);
-    robust_->set_step_noise(number_, noise);
-  }
-  result_ = robust_->update(number_, timed.time_index, datum.values);
-  result_.step = step;
+  result_ = robust_->update(*timed.datum, timed.time_index);
   last_ = place;
 }
 

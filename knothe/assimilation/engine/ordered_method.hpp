@@ -16,6 +16,7 @@ class OrderedMethod : public PosteriorMethod {
   const UpdateResult& posterior_at(std::size_t step) override;
   const UpdateResult& preview(std::size_t step) override { return posterior_at(step); }
   [[nodiscard]] const SensorReport* sensors() const override;
+  [[nodiscard]] const StructureChanges& changes() const override { return robust_->changes(); }
   [[nodiscard]] const likelihood::StepForm* form_of(std::size_t step) const override {
     return last_ && last_->first == step ? robust_->latest_form() : nullptr;
   }
@@ -34,8 +35,6 @@ class OrderedMethod : public PosteriorMethod {
   std::unique_ptr<RobustUpdate> robust_;
   std::map<Place, Timed> data_;
   std::optional<Place> last_;  ///< assimilated
-  std::size_t number_ =
-      0;  ///< of the last datum assimilated: its step, or more where steps have several data
   UpdateResult result_;
 };
 

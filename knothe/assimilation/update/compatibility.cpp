@@ -77,7 +77,7 @@ const std::vector<Row>& table() {
        "truncation_error = \"on\" beside noise that steps share (shared_reference, offset_std): the estimate "
        "of each step's error would depend on the bias; leave out one of them"},
       {F::changes,
-       {F::sequential, F::bias, F::linked, F::shared},
+       {F::bias, F::shared},
        "",
        "forgetting, change_points and on_alarm = \"restart\" cannot be combined with {}: these require that "
        "old data keep their full weight"},

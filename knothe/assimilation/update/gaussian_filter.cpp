@@ -59,6 +59,24 @@ double GaussianFilter::update(const likelihood::StepForm& form) {
   return update_by_points(form, points, weights);
 }
 
+// The prior is N(0, P₀): with the information P⁻¹ the data have added P⁻¹ − P₀⁻¹ and P⁻¹ m.
+void GaussianFilter::raise(double power) {
+  const Eigen::Index d = mean_.size();
+  const Eigen::MatrixXd identity = Eigen::MatrixXd::Identity(d, d);
+  const Eigen::LLT<Eigen::MatrixXd> before(covariance_);
+  const Eigen::MatrixXd information =
+      (1 - power) * transform_->covariance().llt().solve(identity) + power * before.solve(identity);
+  const Eigen::VectorXd mean = information.llt().solve(power * before.solve(mean_));
+  covariance_ = information.llt().solve(identity);
+  covariance_ = 0.5 * (covariance_ + covariance_.transpose()).eval();
+  if (members_.rows() > 0) {
+    const Eigen::MatrixXd whitened =
+        before.matrixL().solve((members_.rowwise() - mean_.transpose()).transpose());
+    members_ = (covariance_.llt().matrixL() * whitened).transpose().rowwise() + mean.transpose();
+  }
+  mean_ = mean;
+}
+
 double GaussianFilter::update_extended(const likelihood::StepForm& form) {
   const Eigen::Index d = mean_.size(), r = central_.size();
   Eigen::MatrixXd p(1, d), first(1, d), unused;

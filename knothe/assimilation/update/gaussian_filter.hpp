@@ -30,6 +30,9 @@ class GaussianFilter {
   /// Takes a datum; returns the increment of the log-evidence, log N(innovation; 0, S).
   double update(const likelihood::StepForm& form);
 
+  /// What all data so far have added to the prior, to the power `power`, in [0, 1].
+  void raise(double power);
+
   [[nodiscard]] const Eigen::VectorXd& mean() const { return mean_; }              ///< d, z
   [[nodiscard]] const Eigen::MatrixXd& covariance() const { return covariance_; }  ///< d × d, z
   [[nodiscard]] const Eigen::MatrixXd& members() const { return members_; }        ///< n × d, ensemble only

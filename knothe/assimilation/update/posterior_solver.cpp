@@ -116,7 +116,7 @@ void PosteriorSolver::set(const likelihood::FormSums& sums, const Eigen::VectorX
 void PosteriorSolver::solve(const likelihood::StepForm& last, posterior::Posterior& posterior,
                             UpdateTimes& times) {
   if (filter_) return by_filter(last, posterior, times);
-  if (composition_ && (kind_ == posterior::Method::automatic || kind_ == posterior::Method::transport)) {
+  if (composes()) {
     shares_.reset();
     by_composed_maps(last, posterior, times);
   } else {
@@ -126,6 +126,20 @@ void PosteriorSolver::solve(const likelihood::StepForm& last, posterior::Posteri
   posterior.maximum_a_posteriori = maximum_a_posteriori(target_, *transform_, posterior.mean);
   times.correction += microseconds_since(start);
   if (target_.noise_level()) posterior.noise_level = expected_noise_level(posterior);
+}
+
+bool PosteriorSolver::composes() const {
+  return composition_ && (kind_ == posterior::Method::automatic || kind_ == posterior::Method::transport);
+}
+
+void PosteriorSolver::solve_widened(double power, posterior::Posterior& posterior, UpdateTimes& times) {
+  if (filter_) {
+    filter_->raise(power);
+    return set_from_filter(posterior);
+  }
+  if (!composes()) return solve_collapsed(posterior, times);
+  by_collapsed_map(posterior, times);
+  compose_anew();
 }
 
 void PosteriorSolver::solve_collapsed(posterior::Posterior& posterior, UpdateTimes& times) {
@@ -234,9 +248,14 @@ void PosteriorSolver::thin_draws(posterior::Posterior& r) const {
 /// from it to the exact posterior say how far that is off, so that `trusted` means what it means for a map.
 void PosteriorSolver::by_filter(const likelihood::StepForm& last, posterior::Posterior& r,
                                 UpdateTimes& times) {
-  constexpr Eigen::Index k_reference_points = 1024;
   const auto start = monotonic_now();
   filter_log_evidence_ += filter_->update(last);
+  set_from_filter(r);
+  times.map = microseconds_since(start);
+}
+
+void PosteriorSolver::set_from_filter(posterior::Posterior& r) {
+  constexpr Eigen::Index k_reference_points = 1024;
   const Eigen::Index d = transform_->dimension();
   const Eigen::MatrixXd reference = standardised_points(k_reference_points, d, solver_.options().seed);
   const Eigen::MatrixXd root = filter_->covariance().llt().matrixL();
@@ -258,7 +277,6 @@ void PosteriorSolver::by_filter(const likelihood::StepForm& last, posterior::Pos
   r.set_trust(trust);
   r.tolerance_reached = trust.trusted;
   r.maximum_a_posteriori = parameters(filter_->mean().transpose()).row(0).transpose();
-  times.map = microseconds_since(start);
 }
 
 /// Every other node, whose rule has the moments and the evidence of all to 1 %; but those that carry little,

@@ -40,6 +40,9 @@ class PosteriorSolver {
   /// The same without what only a result needs (most probable point, level of the noise); never by composed
   /// maps.
   void solve_collapsed(posterior::Posterior& posterior, UpdateTimes& times);
+  /// The posterior of the target after the likelihood of all data so far was raised to the power `power`:
+  /// composed maps and filters go on from this one.
+  void solve_widened(double power, posterior::Posterior& posterior, UpdateTimes& times);
   /// Points, moments, quantiles, evidence and trust by quadrature of another target in the same z, of at most
   /// `k_max_quadrature_parameters`; `by_quadrature` says whether it has converged.
   void integrate(posterior::LogDensity& target, posterior::Posterior& posterior);
@@ -66,6 +69,8 @@ class PosteriorSolver {
                         UpdateTimes& times);
   void by_filter(const likelihood::StepForm& last, posterior::Posterior& posterior, UpdateTimes& times);
   void make_filter();
+  void set_from_filter(posterior::Posterior& posterior);
+  [[nodiscard]] bool composes() const;
   [[nodiscard]] Eigen::MatrixXd parameters(const Eigen::MatrixXd& z) const;
   void compose_anew();
   void set_from(const posterior::MapResult& map, posterior::Posterior& posterior);

@@ -3,13 +3,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <limits>
 
 #include "knothe/assimilation/select/data_selection.hpp"
 #include "knothe/assimilation/update/compatibility.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/monotonic_time.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::assimilation {
@@ -37,14 +37,9 @@ RobustUpdate::RobustUpdate(std::shared_ptr<const model::ObservedModel> model, li
   prior_.weights = Eigen::VectorXd::Constant(512, 1.0 / 512);
 }
 
-void RobustUpdate::set_step_noise(std::size_t step, const likelihood::GaussianNoise& noise) {
-  if (robust_.degrees_of_freedom > 0 && !noise.is_independent())
-    throw UsageError("a Student-t likelihood is for sensors whose noise is independent in space: use gating");
-  noise_ = noise_.with_step(step, noise);
-}
-
-RobustUpdate::Prediction RobustUpdate::predict(std::size_t time_index) const {
-  const posterior::Posterior& before = last_ ? posterior() : prior_;
+RobustUpdate::Prediction RobustUpdate::predict(std::size_t step, std::size_t time_index) const {
+  const bool knows = last_ && (last_->first == step || changes().power_before(step) > 0);
+  const posterior::Posterior& before = knows ? posterior() : prior_;
   const auto& functions = *model_->functions;
   model::FunctionBatch batch;
   batch.resize(before.points.rows(), functions.dimension(), functions.count(), 0);
@@ -60,32 +55,31 @@ RobustUpdate::Prediction RobustUpdate::predict(std::size_t time_index) const {
   return prediction;
 }
 
-const UpdateResult& RobustUpdate::update(std::size_t step, std::size_t time_index,
-                                         const Eigen::Ref<const Eigen::VectorXd>& values) {
-  using Clock = std::chrono::steady_clock;
-  if (last_ && step <= *last_) {
+const UpdateResult& RobustUpdate::update(const likelihood::Datum& datum, std::size_t time_index) {
+  const std::size_t step = datum.step;
+  if (last_ && std::pair(step, datum.key) <= *last_) {
     throw UsageError(fmt::format(
         "step {} comes after step {}: with gating or a Student-t likelihood steps are taken in order", step,
-        *last_));
+        last_->first));
   }
-  const auto start = Clock::now();
-  if (const bool own = likelihood::has_own_noise(noise_, step); own || last_had_own_noise_) {
-    noise_std_ = noise_.at_step(step).standard_deviations();
-    last_had_own_noise_ = own;
-  }
-  Prediction before = predict(time_index);
+  if (student_ && datum.noise && !datum.noise->is_independent())
+    throw UsageError("a Student-t likelihood is for sensors whose noise is independent in space: use gating");
+  const auto start = monotonic_now();
+  noise_std_ = (datum.noise ? *datum.noise : noise_.at_step(step)).standard_deviations();
+  Prediction before = predict(step, time_index);
   if (const Eigen::MatrixXd* factor = noise_.step_error(step))
     before.variance += factor->rowwise().squaredNorm();
-  check_sensors(before, values);
-  Eigen::VectorXd accepted = values;
-  for (const Eigen::Index i : sensors_.rejected) accepted[i] = k_nan;
-  assimilate(step, time_index, accepted);
-  last_ = step;
-  result_.rejected = std::ssize(sensors_.rejected);
-  result_.missing -= result_.rejected;
+  check_sensors(before, datum.values);
+  likelihood::Datum accepted = datum;  // as it is judged: without what is rejected
+  for (const Eigen::Index i : sensors_.rejected) accepted.values[i] = k_nan;
+  if (!last_ || last_->first != step) rejected_ = 0;
+  assimilate(accepted, time_index);
+  last_.emplace(step, datum.key);
+  rejected_ += std::ssize(sensors_.rejected);
+  result_.rejected = rejected_;
+  result_.missing -= rejected_;
   result_.elapsed_us.projection = 0;
-  result_.elapsed_us.projection =
-      std::chrono::duration<double, std::micro>(Clock::now() - start).count() - result_.elapsed_us.total();
+  result_.elapsed_us.projection = microseconds_since(start) - result_.elapsed_us.total();
   return result_;
 }
 
@@ -113,17 +107,14 @@ void RobustUpdate::check_sensors(const Prediction& before, const Eigen::Ref<cons
   for (const Eigen::Index i : sensors_.rejected) sensors_.weight[i] = 0;
 }
 
-void RobustUpdate::assimilate(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values) {
+void RobustUpdate::assimilate(const likelihood::Datum& datum, std::size_t time_index) {
   if (student_) {
-    result_ = student_->update(step, time_index, values, noise_std_);
+    result_ = student_->update(datum.step, time_index, datum.values, noise_std_);
     const Eigen::VectorXd& factor = student_->precision_factors();
     sensors_.weight = factor.array().isNaN().select(sensors_.weight, factor);
   } else {
-    likelihood::Datum datum{
-        {}, step, time_index, values, std::nullopt};  // as it is judged: without what is rejected
-    if (likelihood::has_own_noise(noise_, step)) datum.noise = noise_.at_step(step);
-    gaussian_->add(std::make_shared<const likelihood::Datum>(std::move(datum)), time_index);
-    result_ = gaussian_->posterior_without_monitor(step);
+    gaussian_->add(std::make_shared<const likelihood::Datum>(datum), time_index);
+    result_ = gaussian_->posterior_without_monitor(datum.step);
   }
 }
 

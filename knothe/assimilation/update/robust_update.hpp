@@ -29,28 +29,35 @@ class RobustUpdate {
   RobustUpdate(std::shared_ptr<const model::ObservedModel> model, likelihood::NoiseModel noise,
                std::vector<posterior::Prior> priors, UpdateOptions options, likelihood::RobustOptions robust);
 
-  /// Steps in increasing order: UsageError otherwise.
+  /// Takes a datum, measured at model time index `time_index`, and gives the posterior of all data so far.
+  /// UsageError for one that comes, by step and key, before the last, and for a Student-t likelihood of
+  /// correlated noise.
+  const UpdateResult& update(const likelihood::Datum& datum, std::size_t time_index);
+  /// The only datum of a step.
   const UpdateResult& update(std::size_t step, std::size_t time_index,
-                             const Eigen::Ref<const Eigen::VectorXd>& values);
-  /// From now on step `step`, which is not assimilated yet, has this noise. UsageError for a Student-t
-  /// likelihood where it is correlated.
-  void set_step_noise(std::size_t step, const likelihood::GaussianNoise& noise);
+                             const Eigen::Ref<const Eigen::VectorXd>& values) {
+    return update({{}, step, time_index, values, std::nullopt}, time_index);
+  }
   [[nodiscard]] const UpdateResult& result() const { return result_; }
   [[nodiscard]] const SensorReport& sensors() const { return sensors_; }
   [[nodiscard]] const posterior::Posterior& posterior() const { return result_; }
+  /// Changes of the structure, known or found so far.
+  [[nodiscard]] const StructureChanges& changes() const {
+    return student_ ? student_->changes() : gaussian_->changes();
+  }
   /// The form of the last datum given those before; null before the first.
   [[nodiscard]] const likelihood::StepForm* latest_form() const {
     if (!last_) return nullptr;
-    return student_ ? &student_->latest_form() : gaussian_->form_of(*last_);
+    return student_ ? &student_->latest_form() : gaussian_->form_of(last_->first);
   }
 
  private:
   struct Prediction {
     Eigen::VectorXd mean, variance;  ///< n, without the noise
   };
-  [[nodiscard]] Prediction predict(std::size_t time_index) const;
+  [[nodiscard]] Prediction predict(std::size_t step, std::size_t time_index) const;
   void check_sensors(const Prediction& before, const Eigen::Ref<const Eigen::VectorXd>& values);
-  void assimilate(std::size_t step, std::size_t time_index, const Eigen::VectorXd& values);
+  void assimilate(const likelihood::Datum& datum, std::size_t time_index);
 
   std::shared_ptr<const model::ObservedModel> model_;
   likelihood::NoiseModel noise_;
@@ -60,8 +67,8 @@ class RobustUpdate {
   likelihood::SensorWatch watch_;
   Eigen::VectorXd noise_std_;   ///< of the step at hand
   posterior::Posterior prior_;  ///< draws of the prior: the posterior before the first datum
-  bool last_had_own_noise_ = false;
-  std::optional<std::size_t> last_;
+  std::optional<std::pair<std::size_t, likelihood::DatumKey>> last_;
+  Eigen::Index rejected_ = 0;  ///< values of the data of the last step
   UpdateResult result_;
   SensorReport sensors_;
 };

@@ -83,8 +83,13 @@ TEST_F(Robust, OutliersMoveAStudentPosteriorByLessThanAQuarterOfItsStd) {
 class StudentDensity final : public posterior::LogDensity {
  public:
   StudentDensity(const model::ObservedModel& model, Eigen::MatrixXd data, const Eigen::VectorXd& std,
-                 const std::vector<posterior::Prior>& priors, double nu)
-      : model_(model), data_(std::move(data)), std_(std), transform_(priors), nu_(nu) {}
+                 const std::vector<posterior::Prior>& priors, double nu, Eigen::VectorXd powers = {})
+      : model_(model),
+        data_(std::move(data)),
+        std_(std),
+        transform_(priors),
+        nu_(nu),
+        powers_(powers.size() > 0 ? std::move(powers) : Eigen::VectorXd::Ones(data_.cols())) {}
   [[nodiscard]] Eigen::Index dimension() const override { return transform_.dimension(); }
   [[nodiscard]] int available_derivatives() const override { return 0; }
   void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& z, int, posterior::LogDensityBatch& out) override {
@@ -102,7 +107,8 @@ class StudentDensity final : public posterior::LogDensity {
       for (Eigen::Index i = 0; i < data_.rows(); ++i) {
         if (std::isnan(data_(i, t))) continue;
         const Eigen::ArrayXd e = (data_(i, t) - model_.lift(i, t) - y.col(i).array()) / std_[i];
-        out.value.array() += of_one - std::log(std_[i]) - 0.5 * (nu_ + 1) * (1 + e.square() / nu_).log();
+        out.value.array() +=
+            powers_[t] * (of_one - std::log(std_[i]) - 0.5 * (nu_ + 1) * (1 + e.square() / nu_).log());
       }
     }
     likelihood::add_standard_normal(z, 0, out);
@@ -117,6 +123,7 @@ class StudentDensity final : public posterior::LogDensity {
   Eigen::VectorXd std_;
   posterior::PriorTransform transform_;
   double nu_;
+  Eigen::VectorXd powers_;  ///< to which each datum's likelihood counts
 };
 
 /// By how much an answer may be off: in standard deviations, relative, and of the log-evidence.
@@ -124,16 +131,28 @@ struct Tolerance {
   double mean = 0.02, std = 0.02, quantile = 0.1, evidence = 0.01;
 };
 
-/// Moments, quantiles and evidence at every step against dense quadrature.
+/// Moments, quantiles and evidence at every step against dense quadrature. `forgetting`: the power to which
+/// the data before are raised at each step.
 void expect_exact_student(RobustUpdate& update, const model::ObservedModel& model,
                           const Eigen::MatrixXd& data, const Eigen::VectorXd& std,
                           const std::vector<posterior::Prior>& priors, double nu, Eigen::Index nodes,
-                          const Tolerance& tolerance = {}) {
-  double before = 0;
+                          const Tolerance& tolerance = {}, double forgetting = 1) {
+  double before = 0, total = 0;
+  Eigen::VectorXd powers;
   for (std::size_t t = 0; t < static_cast<std::size_t>(data.cols()); ++t) {
     SCOPED_TRACE(t);
     const UpdateResult& r = update.update(t, t, data.col(static_cast<Eigen::Index>(t)));
-    StudentDensity exact(model, data.leftCols(static_cast<Eigen::Index>(t) + 1), std, priors, nu);
+    const auto seen = static_cast<Eigen::Index>(t) + 1;
+    powers = (forgetting * powers).eval();
+    if (forgetting < 1 && t > 0) {
+      StudentDensity widened(model, data.leftCols(seen - 1), std, priors, nu, powers);
+      before = test::DenseQuadrature(
+                   widened, [&](Eigen::Index k, double z) { return widened.parameter(k, z); }, nodes)
+                   .log_evidence;
+    }
+    powers.conservativeResize(seen);
+    powers[seen - 1] = 1;
+    StudentDensity exact(model, data.leftCols(seen), std, priors, nu, powers);
     const test::DenseQuadrature grid(
         exact, [&](Eigen::Index k, double z) { return exact.parameter(k, z); }, nodes);
     for (Eigen::Index k = 0; k < exact.dimension(); ++k) {
@@ -147,7 +166,8 @@ void expect_exact_student(RobustUpdate& update, const model::ObservedModel& mode
         EXPECT_LT(std::abs(r.quantiles(k, j) - exact.parameter(k, z)), tolerance.quantile * s) << j;
       }
     }
-    EXPECT_NEAR(r.log_evidence, grid.log_evidence, tolerance.evidence);
+    total += grid.log_evidence - before;
+    EXPECT_NEAR(r.log_evidence, total, tolerance.evidence * (forgetting < 1 ? 1.0 + t : 1.0));
     EXPECT_NEAR(r.log_evidence_increment, grid.log_evidence - before, 2 * tolerance.evidence);
     EXPECT_LE(r.log_evidence_lower_bound, r.log_evidence + 1e-9);
     EXPECT_TRUE(r.trusted) << r.remark;
@@ -166,6 +186,54 @@ TEST_F(Robust, AStudentPosteriorIsTheExactOneAtEveryStep) {
       expect_exact_student(update, *model_, outliers ? contaminated() : clean_, std_, priors, 4, 251);
     }
   }
+}
+
+TEST_F(Robust, AStudentPosteriorOfDataThatGrowOldIsTheExactOne) {
+  std::vector<posterior::Prior> priors;
+  for (const posterior::Prior& prior : priors_) priors.push_back(prior.truncated(0.5, 1.5, "p"));
+  UpdateOptions options;
+  options.forgetting = 0.7;
+  RobustUpdate update(model_, likelihood::NoiseModel::independent(std_), priors_, options, {0, 4});
+  expect_exact_student(update, *model_, contaminated(), std_, priors, 4, 251, {}, 0.7);
+}
+
+TEST_F(Robust, AfterAKnownChangeAStudentPosteriorIsThatOfTheLaterData) {
+  UpdateOptions options;
+  options.change_points = {5};
+  RobustUpdate both(model_, likelihood::NoiseModel::independent(std_), priors_, options, {0, 4});
+  RobustUpdate early = make({0, 4}), late = make({0, 4});
+  for (std::size_t t = 0; t < k_steps; ++t) {
+    const auto values = contaminated().col(static_cast<Eigen::Index>(t)).eval();
+    both.update(t, t, values);
+    (t < 5 ? early : late).update(t, t, values);
+  }
+  EXPECT_EQ(both.result().mean, late.result().mean);
+  EXPECT_EQ(both.result().covariance, late.result().covariance);
+  EXPECT_NEAR(both.result().log_evidence, early.result().log_evidence + late.result().log_evidence, 1e-9);
+}
+
+TEST_F(Robust, AnAlarmOfStudentValuesIsTakenForAChange) {
+  const auto model = random_model(std::make_shared<CurvedFunctions>(), k_sensors, 4, 24, 33);
+  const Eigen::Vector2d after(1.3, 0.8);
+  Eigen::MatrixXd data = synthetic_data(*model, truth_, std_, 4);
+  data.rightCols(12) = synthetic_data(*model, after, std_, 5).rightCols(12);
+  UpdateOptions options;
+  options.restart_on_alarm = true;
+  const likelihood::NoiseModel noise = likelihood::NoiseModel::independent(std_);
+  RobustUpdate found(model, noise, priors_, options, {0, 4});
+  std::string words;
+  for (std::size_t t = 0; t < 24; ++t)
+    words += found.update(t, t, data.col(static_cast<Eigen::Index>(t))).notice;
+  ASSERT_FALSE(found.changes().found().empty());
+  EXPECT_NE(words.find("treated as a change of the structure at step"), std::string::npos) << words;
+  // As if that had been known.
+  UpdateOptions known;
+  known.change_points = found.changes().found();
+  RobustUpdate told(model, noise, priors_, known, {0, 4});
+  for (std::size_t t = 0; t < 24; ++t) told.update(t, t, data.col(static_cast<Eigen::Index>(t)));
+  EXPECT_EQ(found.result().mean, told.result().mean);
+  EXPECT_EQ(found.result().log_evidence, told.result().log_evidence);
+  EXPECT_NEAR(static_cast<double>(found.changes().found().back()), 12, 1);
 }
 
 TEST_F(Robust, WithFewValuesAStudentPosteriorIsByQuadrature) {

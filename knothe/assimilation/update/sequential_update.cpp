@@ -262,11 +262,12 @@ void SequentialUpdate::forget(std::size_t step) {
   sums_.forgotten = *store_.steps().at(*summed_).log_evidence;  // log Z(S), and what was forgotten before
   sums_.raise(power);
   if (power == 0) {
+    solver_.restart();
     supervision_.forget_posterior();
     return;
   }
   solver_.set(sums_, supervision_.shares());
-  solver_.solve_collapsed(result_, result_.elapsed_us);
+  solver_.solve_widened(power, result_, result_.elapsed_us);
   sums_.forgotten -= result_.log_evidence;
   supervision_.set_posterior(result_);
 }
@@ -301,7 +302,7 @@ bool SequentialUpdate::restart_at_change(std::size_t step, const ModelSupervisio
   std::vector<std::size_t> found = changes_.found();
   found.push_back(onset);
   std::size_t from = store_.steps().begin()->first;
-  if (supervision_.remembers(onset)) {
+  if (supervision_.remembers(onset) && !solver_.is_sequential()) {
     from = supervision_.restore(onset);
     restore_sums(from);
   } else {
@@ -311,9 +312,7 @@ bool SequentialUpdate::restart_at_change(std::size_t step, const ModelSupervisio
   redone_at_ = step;
   assimilate_from(from, step);
   note(alarm);
-  result_.notice = fmt::format(
-      "{}; treated as a change of the structure at step {}: the data before it count {}{}{}", alarm.notice,
-      onset, changes_.retention_in_words(), result_.notice.empty() ? "" : "; ", result_.notice);
+  result_.notice = changes_.notice(alarm.notice, onset, result_.notice);
   return true;
 }
 

@@ -40,9 +40,13 @@ std::size_t StructureChanges::count_forgotten(std::span<const std::size_t> steps
   return count;
 }
 
-std::string StructureChanges::retention_in_words() const {
-  return retention_ > 0 ? fmt::format("with the power {:g}", retention_)
-                        : "no longer, the posterior restarted from the prior";
+std::string StructureChanges::notice(const std::string& alarm, std::size_t onset,
+                                     const std::string& more) const {
+  return fmt::format("{}; treated as a change of the structure at step {}: the data before it count {}{}{}",
+                     alarm, onset,
+                     retention_ > 0 ? fmt::format("with the power {:g}", retention_)
+                                    : "no longer, the posterior restarted from the prior",
+                     more.empty() ? "" : "; ", more);
 }
 
 void StructureChanges::restart() {

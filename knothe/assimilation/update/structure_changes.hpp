@@ -34,8 +34,9 @@ class StructureChanges {
   /// Steps at which the structure was found, by alarms, to have changed, increasing.
   [[nodiscard]] const std::vector<std::size_t>& found() const { return found_; }
   void set_found(std::vector<std::size_t> steps) { found_ = std::move(steps); }
-  /// How the data before a change count, in words.
-  [[nodiscard]] std::string retention_in_words() const;
+  /// What is said where the alarm `alarm` was taken for a change at step `onset`; `more`: of the step itself.
+  [[nodiscard]] std::string notice(const std::string& alarm, std::size_t onset,
+                                   const std::string& more) const;
 
   /// No data.
   void restart();

@@ -71,6 +71,101 @@ TEST(ChangingStructure, ForgettingIsTheDiscountedGaussianInClosedForm) {
   }
 }
 
+TEST(ChangingStructure, FiltersAndComposedMapsForgetAsTheClosedFormDoes) {
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::LinearFunctions>(2), 5, 3, 12, 4);
+  const Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector2d(0.7, -0.3), k_std, 6);
+  using posterior::Method;
+  // An ensemble's moments are those of its members, exactly so for a linear model.
+  for (const Method kind :
+       {Method::extended_kalman, Method::unscented_kalman, Method::ensemble_kalman, Method::transport}) {
+    SCOPED_TRACE(static_cast<int>(kind));
+    UpdateOptions options;
+    options.kind = kind;
+    options.forgetting = 0.8;
+    options.change_points = {7};
+    if (kind == Method::transport) options.form = UpdateOptions::Form::composed;
+    SequentialUpdate update(model, likelihood::NoiseModel::independent(k_std), priors(), options);
+    Discounted exact;
+    double log_evidence = 0;
+    for (std::size_t t = 0; t < 12; ++t) {
+      const auto i = static_cast<Eigen::Index>(t);
+      const UpdateResult& r = update.update(t, t, data.col(i));
+      if (t > 0) exact.raise(t == 7 ? 0 : 0.8);
+      log_evidence += exact.assimilate(model->space * model->core[t], data.col(i) - model->lift.col(i));
+      const Eigen::MatrixXd covariance = exact.precision.inverse();
+      EXPECT_LT((r.mean - exact.mean()).norm(), 1e-6) << t;
+      EXPECT_LT((r.covariance - covariance).norm(), 1e-5 * covariance.norm()) << t;
+      EXPECT_NEAR(r.log_evidence, log_evidence, 1e-6) << t;
+    }
+    // A step that comes late: as if all had come in order.
+    const Eigen::VectorXd mean = update.result().mean;
+    update.remove(9);
+    EXPECT_NE(update.result().mean, mean);
+    update.update(9, 9, data.col(9));
+    EXPECT_EQ(update.result().mean, mean);
+  }
+}
+
+TEST(ChangingStructure, AnUnknownNoiseLevelIsFoundFromWhatStillCounts) {
+  const auto model =
+      likelihood::test::random_model(std::make_shared<likelihood::test::LinearFunctions>(2), 5, 3, 10, 4);
+  const Eigen::MatrixXd data =
+      likelihood::test::synthetic_data(*model, Eigen::Vector2d(0.7, -0.3), 1.5 * k_std, 6);
+  const double power = 0.8, a = 2.5, b = 1.5;
+  UpdateOptions options;
+  options.forgetting = power;
+  options.noise_level = likelihood::NoiseLevel(a, b);
+  SequentialUpdate update(model, likelihood::NoiseModel::independent(k_std), priors(), options);
+  // For each level s in closed form, and by the trapezoidal rule over log s.
+  struct Exact {
+    double log_evidence = 0, level = 0;
+    Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+  };
+  const auto exact_of = [&](std::size_t count, const Eigen::VectorXd& powers) {
+    Exact exact;
+    double total = 0;
+    for (double log_s = -5; log_s < 5; log_s += 0.005) {
+      const double s = std::exp(log_s);
+      const Eigen::Vector2d prior(0, 0.5);
+      Eigen::Matrix2d precision = Eigen::Matrix2d::Identity();
+      Eigen::Vector2d information = prior;
+      double log_value = a * std::log(b) - std::lgamma(a) - a * log_s - b / s - 0.5 * prior.squaredNorm();
+      for (std::size_t t = 0; t < count; ++t) {
+        const auto i = static_cast<Eigen::Index>(t);
+        const Eigen::MatrixXd h = model->space * model->core[t];
+        const Eigen::VectorXd y = data.col(i) - model->lift.col(i);
+        const double w = powers[i], variance = s * k_std[0] * k_std[0];
+        precision += w / variance * h.transpose() * h;
+        information += w / variance * h.transpose() * y;
+        log_value -= 0.5 * w * (5 * std::log(2 * std::numbers::pi * variance) + y.squaredNorm() / variance);
+      }
+      const Eigen::Vector2d mean = precision.inverse() * information;
+      const double mass =
+          0.005 * std::exp(log_value + 0.5 * information.dot(mean) - 0.5 * std::log(precision.determinant()));
+      total += mass, exact.mean += mass * mean, exact.level += mass * s;
+    }
+    exact.mean /= total, exact.level /= total, exact.log_evidence = std::log(total);
+    return exact;
+  };
+  Eigen::VectorXd powers;
+  double log_evidence = 0;
+  for (std::size_t t = 0; t < 10; ++t) {
+    const auto i = static_cast<Eigen::Index>(t);
+    const UpdateResult& r = update.update(t, t, data.col(i));
+    powers = (power * powers).eval();
+    const double widened = exact_of(t, powers).log_evidence;
+    powers.conservativeResize(i + 1);
+    powers[i] = 1;
+    const Exact exact = exact_of(t + 1, powers);
+    log_evidence += exact.log_evidence - widened;
+    for (Eigen::Index k = 0; k < 2; ++k)
+      EXPECT_NEAR(r.mean[k], exact.mean[k], 0.01 * std::sqrt(r.covariance(k, k))) << t;
+    EXPECT_NEAR(r.log_evidence, log_evidence, 0.01 * (1.0 + t)) << t;
+    EXPECT_NEAR(r.noise_level.value(), exact.level, 0.01 * exact.level) << t;
+  }
+}
+
 TEST(ChangingStructure, AfterAKnownChangeThePosteriorIsThatOfTheLaterDataAlone) {
   const auto model =
       likelihood::test::random_model(std::make_shared<likelihood::test::CurvedFunctions>(), 5, 3, 10, 4);
@@ -150,13 +245,9 @@ TEST(ChangingStructure, WhatDoesNotGoTogetherIsNamed) {
   };
   const likelihood::NoiseModel noise = likelihood::NoiseModel::independent(k_std);
   EXPECT_EQ(refused({}, noise), "");
-  UpdateOptions biased, level, composed;
+  UpdateOptions biased;
   biased.bias_correction = likelihood::BiasCorrectionMode::on;
-  level.noise_level = likelihood::NoiseLevel(2, 1);
-  composed.form = UpdateOptions::Form::composed;
   EXPECT_NE(refused(biased, noise).find("cannot be combined with bias_correction"), std::string::npos);
-  EXPECT_NE(refused(level, noise).find("noise_level"), std::string::npos);
-  EXPECT_NE(refused(composed, noise).find("composed"), std::string::npos);
   EXPECT_NE(refused({}, noise.with_offsets(0.1)).find("errors that steps share"), std::string::npos);
 }
 

@@ -127,11 +127,14 @@ StudentUpdate::StudentUpdate(std::shared_ptr<const model::ObservedModel> model,
     : model_(std::move(model)),
       transform_(likelihood::truncated_to_box(*model_, std::move(priors))),
       central_(functions_at_medians(*model_, *transform_)),
+      degrees_(degrees),
       likelihood_(model_, central_, degrees),
       kind_(options.kind),
       solver_(*model_, transform_, central_, of_all_data(options)),
       supervision_(model_, noise, transform_, options),
-      functions_(supervision_.functions()) {
+      functions_(supervision_.functions()),
+      changes_(options),
+      restarts_on_alarm_(options.restart_on_alarm) {
   require_compatible(features_of(options) | features_of(noise) | features_of(0, degrees));
 }
 
@@ -142,24 +145,93 @@ const std::vector<posterior::Prior>& StudentUpdate::priors() const {
 const UpdateResult& StudentUpdate::update(std::size_t step, std::size_t time_index,
                                           const Eigen::Ref<const Eigen::VectorXd>& values,
                                           const Eigen::Ref<const Eigen::VectorXd>& scale) {
-  likelihood_.add(time_index, values, scale);
+  if (!restarts_on_alarm_) entries_.clear();
+  entries_.push_back({step, time_index, values, scale});
+  const std::size_t count = entries_.size();
+  std::optional<ModelSupervision::DriftAlarm> rung;
+  for (std::size_t k = count - 1; k < count;) {
+    const auto alarm = assimilate(entries_[k]);
+    if (k + 1 == count && alarm) rung = alarm;
+    k = alarm && restarts_on_alarm_ && find_change(k, *alarm) ? 0 : k + 1;
+  }
+  if (!rung || changes_.found().empty()) return result_;
+  result_.monitor.alarm = true;
+  result_.monitor.cumulative_sum = rung->report.cumulative_sum;
+  result_.monitor.threshold = rung->report.threshold;
+  result_.notice = changes_.notice(rung->notice, changes_.found().back(), result_.notice);
+  return result_;
+}
+
+/// Takes the alarm at the entry `last` for a change where the drift began, and begins again. False where that
+/// is known already, or where there is nothing before it to be forgotten.
+bool StudentUpdate::find_change(std::size_t last, const ModelSupervision::DriftAlarm& alarm) {
+  const std::size_t back = alarm.steps - 1;
+  if (back >= last || changes_.before(entries_[last - back].step)) return false;
+  std::vector<std::size_t> found = changes_.found();
+  found.push_back(entries_[last - back].step);
+  restart();
+  changes_.set_found(std::move(found));
+  return true;
+}
+
+std::optional<ModelSupervision::DriftAlarm> StudentUpdate::assimilate(const Entry& entry) {
+  const bool same = !first_ && result_.step == entry.step;
+  const Eigen::Index used = same ? result_.used : 0, missing = same ? result_.missing : 0;
+  if (!same) before_ = result_.log_evidence;
+  if (!same && changes_.possible()) forget(entry.step);
+  likelihood_.add(entry.time_index, entry.values, entry.scale);
+  compute();
+  result_.step = entry.step;
+  result_.time = model_->time[entry.time_index];
+  result_.used = used + likelihood_.last_used();
+  result_.missing = missing + entry.values.size() - likelihood_.last_used();
+  const auto start = monotonic_now();
+  set_most_probable();
+  result_.log_evidence += forgotten_;
+  result_.log_evidence_lower_bound += forgotten_;
+  result_.log_evidence_increment = result_.log_evidence - before_;
+  result_.elapsed_us.correction += microseconds_since(start);
+  first_ = false;
+  return watch(entry.step);
+}
+
+/// The posterior of the values as they count now.
+void StudentUpdate::compute() {
   UpdateResult fresh;
   fresh.mean = result_.mean, fresh.covariance = result_.covariance;  // the first form is made about these
-  const double before = result_.log_evidence;
   result_ = std::move(fresh);
-  result_.step = step;
-  result_.time = model_->time[time_index];
-  result_.used = likelihood_.last_used();
-  result_.missing = values.size() - result_.used;
   approach();
   const auto start = monotonic_now();
   correct();
-  set_most_probable();
-  result_.log_evidence_increment = result_.log_evidence - before;
   result_.elapsed_us.correction += microseconds_since(start);
-  watch(step);
-  first_ = false;
-  return result_;
+}
+
+/// The data before `step` grow old.
+void StudentUpdate::forget(std::size_t step) {
+  const double power = changes_.power_before(step);
+  if (changes_.before(step)) supervision_.restart_sums();
+  if (first_ || power == 1) return;
+  likelihood_.raise(power);
+  forgotten_ = result_.log_evidence;
+  if (power == 0) {
+    first_ = true;
+    supervision_.forget_posterior();
+    functions_ = supervision_.functions();
+    return;
+  }
+  compute();
+  forgotten_ -= result_.log_evidence;
+  supervision_.set_posterior(result_);
+}
+
+void StudentUpdate::restart() {
+  likelihood_ = likelihood::StudentLikelihood(model_, central_, degrees_);
+  supervision_.restart();
+  functions_ = supervision_.functions();
+  changes_.restart();
+  result_ = {};
+  forgotten_ = 0;
+  first_ = true;
 }
 
 /// The form of all values about that posterior, in v.
@@ -298,14 +370,15 @@ void StudentUpdate::set_most_probable() {
 }
 
 /// The monitor judges the datum as one of Gaussian noise of the precisions found.
-void StudentUpdate::watch(std::size_t step) {
+std::optional<ModelSupervision::DriftAlarm> StudentUpdate::watch(std::size_t step) {
   const auto start = monotonic_now();
   precision_factors_ = likelihood_.precision_factors(functions_.mean - central_, functions_.factor);
   latest_ = {};
   latest_.form = likelihood_.gaussian_form(precision_factors_);
-  (void)supervision_.check_prediction(step, latest_, central_);
+  auto alarm = supervision_.check_prediction(step, latest_, central_);
   supervision_.learn(latest_, {}, result_);
   result_.elapsed_us.watch = microseconds_since(start);
+  return alarm;
 }
 
 }  // namespace knothe::assimilation

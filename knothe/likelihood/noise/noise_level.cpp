@@ -18,7 +18,7 @@ NoiseLevel::NoiseLevel(double shape, double scale) : shape_(shape), scale_(scale
 }
 
 void NoiseLevel::set(const StepForm& form) {
-  exponent_ = shape_ + 0.5 * form.used;
+  exponent_ = shape_ + 0.5 * (form.used - form.discounted);
   log_normaliser_ = form.log_normaliser;
   constant_ =
       -0.5 * log_normaliser_ + shape_ * std::log(scale_) - std::lgamma(shape_) + std::lgamma(exponent_);

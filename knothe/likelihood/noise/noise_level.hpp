@@ -8,7 +8,8 @@ namespace knothe::likelihood {
 /// R = s R₀ with s ~ inverse-gamma(shape a, scale b), integrated out in closed form:
 ///   π(d | p) = (2π)^{−N/2} Π det R₀^{−1/2} · bᵃ/Γ(a) · Γ(a + N/2) · [b + Q₀(p)/2]^{−(a + N/2)},
 /// Q₀ the misfit at s = 1 and N the number of values. A Student-t distribution of all data together: it is
-/// not additive over the steps, but a function of the sums that are.
+/// not additive over the steps, but a function of the sums that are. Where data grow old, each value's
+/// density to the power λ, N is the sum of these powers.
 class NoiseLevel {
  public:
   /// a > 0, b > 0; the mean of s is b/(a − 1) for a > 1. Errors: UsageError.

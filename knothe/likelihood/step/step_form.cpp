@@ -18,6 +18,7 @@ void StepForm::add(const StepForm& other) {
   log_normaliser += other.log_normaliser;
   used += other.used;
   missing += other.missing;
+  discounted += other.discounted;
 }
 
 void StepForm::raise(double power) {
@@ -25,6 +26,7 @@ void StepForm::raise(double power) {
   linear *= power;
   constant *= power;
   log_normaliser *= power;
+  discounted += (1 - power) * (used - discounted);
 }
 
 void FormBlocks::add(const StepForm& form) {

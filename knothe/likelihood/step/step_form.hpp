@@ -14,11 +14,12 @@ struct StepForm {
   double log_normaliser = 0;  ///< n_t log 2π + log det R_t
   Eigen::Index used = 0;      ///< values used
   Eigen::Index missing = 0;   ///< values missing (NaN)
+  double discounted = 0;      ///< of the values used, how many no longer count (`raise`)
 
   /// Makes a form of r functions that says nothing.
   [[nodiscard]] static StepForm zero(Eigen::Index r);
   void add(const StepForm& other);
-  /// The likelihood to the power `power`; the counts stay.
+  /// The likelihood to the power `power`; of n values then n · `power` count.
   void raise(double power);
 };
 

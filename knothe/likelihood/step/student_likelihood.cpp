@@ -40,6 +40,12 @@ void StudentLikelihood::add(std::size_t time_index, const Eigen::Ref<const Eigen
   data_.push_back(std::move(datum));
 }
 
+void StudentLikelihood::raise(double power) {
+  if (power == 0) data_.clear();
+  for (Kept& datum : data_) datum.power *= power;
+  log_constant_ *= power;
+}
+
 Eigen::MatrixXd StudentLikelihood::rows(const Kept& datum, const Eigen::MatrixXd& basis) const {
   return datum.precision.asDiagonal() * (model_->space * (model_->core[datum.time_index] * basis).eval());
 }
@@ -60,7 +66,7 @@ Eigen::VectorXd StudentLikelihood::evaluate(const Eigen::VectorXd& origin, const
       for (Eigen::Index j = 0; j < n; ++j)
         product *=
             1 + ((at_origin[first + j] - error.col(j).array()).square() / degrees_).min(k_largest_factor);
-      logarithms += product.log();
+      logarithms += datum.power * product.log();
     }
   }
   return log_constant_ - 0.5 * (degrees_ + 1) * logarithms;
@@ -77,7 +83,7 @@ StepForm StudentLikelihood::linearise(const Eigen::VectorXd& mean, const Eigen::
     for (Eigen::Index k = 0; k < rule.nodes.size(); ++k) {
       const Eigen::ArrayXd error = expected + rule.nodes[k] * spread;
       const Eigen::ArrayXd square = error.square(),
-                           per = rule.weights[k] * (degrees_ + 1) / (degrees_ + square);
+                           per = datum.power * rule.weights[k] * (degrees_ + 1) / (degrees_ + square);
       slope += per * error;  // towards the value
       curvature += per * (degrees_ - square) / (degrees_ + square);
     }

@@ -23,6 +23,8 @@ class StudentLikelihood {
   /// for an infinite value, and then nothing has changed.
   void add(std::size_t time_index, const Eigen::Ref<const Eigen::VectorXd>& values,
            const Eigen::Ref<const Eigen::VectorXd>& scale);
+  /// The likelihood of all values so far to the power `power`, in [0, 1].
+  void raise(double power);
   [[nodiscard]] Eigen::Index last_used() const { return data_.back().used; }  ///< values of the last datum
 
   /// Log-likelihood of all values at v = origin + basis · c for each column c of `coordinates` (q × K): K
@@ -52,6 +54,7 @@ class StudentLikelihood {
     Eigen::VectorXd residual;   ///< value − prediction at w₀, over σ; 0 where missing
     Eigen::VectorXd precision;  ///< 1/σ, n; 0 where missing
     Eigen::Index used;
+    double power = 1;  ///< to which its likelihood counts
   };
   /// Rows of ∂(prediction over σ)/∂u, n × m.
   [[nodiscard]] Eigen::MatrixXd rows(const Kept& datum, const Eigen::MatrixXd& basis) const;

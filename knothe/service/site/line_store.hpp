@@ -54,7 +54,6 @@ class LineStore {
   [[nodiscard]] const Entry* find(std::size_t step) const;
   Entry& insert(std::size_t step);
   [[nodiscard]] std::shared_ptr<const Line> get(const Entry& entry) const;
-  [[nodiscard]] std::shared_ptr<const Line> read_from(std::size_t step) const;
   void set_latest();
   void drop_replaced_events();
   bool file_oldest();
