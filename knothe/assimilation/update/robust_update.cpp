@@ -43,7 +43,9 @@ void RobustUpdate::set_step_noise(std::size_t step, const likelihood::GaussianNo
   noise_ = noise_.with_step(step, noise);
 }
 
-RobustUpdate::Prediction RobustUpdate::predict(std::size_t time_index) const {
+/// What the data before say of a datum: of the model, and of the errors that it has beside its own noise. An
+/// offset of each sensor counts as not known yet, which makes the gate wider, never narrower.
+RobustUpdate::Prediction RobustUpdate::predict(std::size_t step, std::size_t time_index) const {
   const posterior::Posterior& before = last_ ? posterior() : prior_;
   const auto& functions = *model_->functions;
   model::FunctionBatch batch;
@@ -57,6 +59,20 @@ RobustUpdate::Prediction RobustUpdate::predict(std::size_t time_index) const {
   Prediction prediction;
   prediction.mean = model_->lift.col(time_index) + model_->space * (core * mean).eval();
   prediction.variance = (model_->space * inner).cwiseProduct(model_->space).rowwise().sum().cwiseMax(0);
+  const Eigen::Index displacements = noise_.size() - noise_.scalar_count();
+  auto of_displacements = prediction.variance.head(displacements).array();
+  of_displacements += noise_.offset_std() * noise_.offset_std();
+  of_displacements += (noise_.scale_std() * prediction.mean.head(displacements).array()).square();
+  if (const Eigen::MatrixXd* factor = noise_.step_error(step))
+    prediction.variance += factor->rowwise().squaredNorm();
+  if (const Eigen::MatrixXd* factor = noise_.lasting().factor(step)) {
+    const likelihood::ConditionalStates errors = gaussian_->lasting_errors();
+    const Eigen::MatrixXd with_w = model_->space * (core * covariance * errors.slope.transpose()).eval();
+    const Eigen::MatrixXd own = errors.covariance + errors.slope * covariance * errors.slope.transpose();
+    prediction.mean += *factor * (errors.mean - errors.slope * mean);
+    prediction.variance += (*factor * own - 2 * with_w).cwiseProduct(*factor).rowwise().sum();
+    prediction.variance = prediction.variance.cwiseMax(0);
+  }
   return prediction;
 }
 
@@ -73,9 +89,7 @@ const UpdateResult& RobustUpdate::update(std::size_t step, std::size_t time_inde
     noise_std_ = noise_.at_step(step).standard_deviations();
     last_had_own_noise_ = own;
   }
-  Prediction before = predict(time_index);
-  if (const Eigen::MatrixXd* factor = noise_.step_error(step))
-    before.variance += factor->rowwise().squaredNorm();
+  const Prediction before = predict(step, time_index);
   check_sensors(before, values);
   Eigen::VectorXd accepted = values;
   for (const Eigen::Index i : sensors_.rejected) accepted[i] = k_nan;
