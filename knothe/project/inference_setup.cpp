@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "knothe/likelihood/data/measurements.hpp"
+#include "knothe/likelihood/step/prior_of_model.hpp"
 #include "knothe/model/forward/separated_forward_model.hpp"
 #include "knothe/model/forward/umbridge_model.hpp"
 #include "knothe/project/observed_data.hpp"
@@ -86,10 +87,8 @@ void set_up_chosen(const Project& project, const model::SeparatedModel& model, I
   }
 }
 
-/// All values of a data file, displacements and series, step after step.
+/// All values of a data file, displacements and series, step after step, with the errors that they share.
 void set_up_recorded(const Project& project, const model::SeparatedModel& model, InferenceSetup& setup) {
-  if (!project.clock.empty())
-    throw project.error_at("data.clock", "data.clock: `knothe assimilate` takes such data, infer does not");
   likelihood::Measurements recorded = read_recorded(project, model.contents());
   add_sources(project, recorded);
   Project inferred = project;  // what is known is in the model
@@ -97,22 +96,25 @@ void set_up_recorded(const Project& project, const model::SeparatedModel& model,
   inferred.known.clear();
   const ObservedData all = observe_data(inferred, model, setup.priors, std::move(recorded), project.data);
   const likelihood::Measurements& data = all.measurements;
-  if (!data.noise.measurement().is_independent() || likelihood::links_steps(data.noise) ||
-      data.noise.has_step_errors())
-    throw DataError(project.data +
-                    ": the noise is correlated; `knothe assimilate` takes such data, infer does not");
-  const Eigen::VectorXd values = data.values.reshaped();
-  const Eigen::VectorXd std = data.noise.measurement().standard_deviations().replicate(data.values.cols(), 1);
+  const Eigen::Index n = data.values.rows();
+  const Eigen::VectorXd centre =
+      likelihood::medians(*likelihood::truncated_to_box(*all.observed, setup.priors));
+  Eigen::MatrixXd predicted(n, data.values.cols());
   std::vector<Eigen::Index> present;
-  for (Eigen::Index i = 0; i < values.size(); ++i)
-    if (!std::isnan(values[i])) present.push_back(i);
+  for (Eigen::Index t = 0; t < data.values.cols(); ++t) {
+    predicted.col(t) = all.observed->predict(centre, all.time_indices[t]);
+    for (Eigen::Index i = 0; i < n; ++i)
+      if (!std::isnan(data.values(i, t)) && data.noise.at_step(t).is_measured(i))
+        present.push_back(t * n + i);
+  }
   if (present.empty())
     throw DataError(project.data + ": nothing is measured of what the model predicts: no value with a std");
-  auto predicted =
+  auto observed =
       std::make_unique<model::SeparatedForwardModel>(*all.observed, all.time_indices, model.where());
-  predicted->restrict_to(present);
-  setup.model = std::move(predicted);
-  setup.observations = Observations{values(present), GaussianNoise::independent(std(present))};
+  observed->restrict_to(present);
+  setup.model = std::move(observed);
+  setup.observations = Observations{data.values.reshaped()(present),
+                                    likelihood::joint_noise(data.noise, data.values, predicted)};
 }
 
 void set_up_separated(const Project& project, InferenceSetup& setup) {

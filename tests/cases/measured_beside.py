@@ -73,6 +73,8 @@ class Test(Case):
                          lambda i: errors[i])
             # Without it the values are not the model's at those times, which the verdict sees.
             last = self.assimilate(status=0 if given else 8)[-1]
+            if given:
+                self.expect_same_as_the_last_step()
             distance[given] = max(abs(last["mean"][k] - TRUTH[k]) / last["covariance"][k][k] ** 0.5 for k in (0, 1))
         self.assertLess(distance[std], 3)
         self.assertGreater(distance[""], 6)
@@ -203,6 +205,7 @@ time_drift_std = 0.1
             self.assertLess(abs(found["mean"] - truth), 3 * found["std"], name)
             self.assertLess(found["std"], 0.03, name)
         self.assertNotIn("cell.time_drift", last["nuisances"])
+        self.expect_same_as_the_last_step()
         self.expect(0, "report", "results", "-o", "report.html")
         self.assertRegex((self.folder / "report.html").read_text(), r"The clock of the source logger runs faster by a share of 0\.\d+")
         for name in ("cell", "logger"):  # as if there were one clock

@@ -110,6 +110,91 @@ class Test(ServiceCase):
         self.assertEqual([line["data"] for line in service.states()], [4] * 12)
         self.assertEqual(expected[-1]["verdict"]["level"], "ok")
 
+    def test_any_sequence_of_requests_files_and_kills_gives_the_lines_of_a_batch_run(self):
+        """Sent, repeated, contradicted, withdrawn, sent again, left as files, killed, stopped: whenever it is asked, the lines are those of
+        `assimilate` on the data that are left, to the bit. A few sequences, an hour of them at night."""
+        header, *rows = (self.folder / "data.csv").read_text().splitlines()
+        place = header.split(",").index("time")
+        rows_of = lambda k: [row for row in rows if float(row.split(",")[place]) == self.data[k]["time"]]
+        by_http, by_file = range(8), range(8, 12)
+        without_step = lambda line: {key: value for key, value in comparable(line).items() if key != "step"}
+        (self.folder / "batch.toml").write_text(self.project.read_text().replace('data = "data.h5"', 'data = "left.csv"').replace('"results/"', '"batch/"'))
+        tables = self.folder / "tables"
+        tables.mkdir()
+        service = self.serve(extra='watch_csv = "tables/"\nsettle = 0.05\nwindow = 1000\n')
+        for seed in range(int(os.environ.get("KNOTHE_SEQUENCES", "3"))):
+            chance, left, withdrawn, log = random.Random(seed), set(), set(), []
+
+            def told(request, *arguments):
+                """Its answer; where the service dies first, that of the same request again after a restart."""
+                if chance.random() < 0.15:
+                    log.append("kill")
+                    stop = threading.Timer(0.01 * chance.random(), service.kill)
+                    stop.start()
+                    try:
+                        request(*arguments)
+                    except (OSError, http.client.HTTPException):
+                        pass
+                    stop.join()
+                    service.start()
+                return request(*arguments)
+
+            def key_of(k):
+                return {name: self.data[k][name] for name in ("source", "session", "seq")}
+
+            def send(k):
+                answer = told(service.send, self.data[k])
+                self.assertEqual(answer[0], 200, (seed, log, answer))
+                left.add(k)
+                withdrawn.discard(k)
+
+            def contradict(k):
+                other = {**self.data[k], "values": [value + 1e-7 for value in self.data[k]["values"]]}
+                if k in left:
+                    self.assertEqual(told(service.send, other)[0], 409, (seed, log))
+
+            def withdraw(k):
+                answer = told(service.post, "/v1/withdraw", key_of(k))
+                self.assertEqual(answer[0], 200 if k in left | withdrawn else 404, (seed, log, answer))
+                if k in left:
+                    left.remove(k)
+                    withdrawn.add(k)
+
+            def leave_file(k):
+                k = by_file[k % len(by_file)]
+                (tables / f"{k}.csv").write_text("\n".join([header] + rows_of(k)) + "\n")
+                left.add(k)
+
+            def ask_nonsense(k):
+                body = chance.choice(['{"source":', "[]", {**key_of(k), "seq": 99, "time": -7.0, "values": [0.0]}, {**self.data[k], "seq": "one"}])
+                self.assertEqual(service.post(chance.choice(["/v1/measurements", "/v1/withdraw"]), body)[0] // 100, 4, (seed, log, body))
+
+            def restart(k):
+                service.stop() if k % 2 else service.kill()
+                service.start()
+
+            def compare(k):
+                if not left:
+                    return
+                times = [self.data[i]["time"] for i in sorted(left)]
+                service.wait_until(lambda: [line["time"] for line in service.states()] == times)
+                service.settled()
+                (self.folder / "left.csv").write_text("\n".join([header] + [row for i in sorted(left) for row in rows_of(i)]) + "\n")
+                lines = self.expect(0, "assimilate", "batch.toml", "--json").lines()[:-1]
+                self.assertEqual([without_step(line) for line in service.states()], [without_step(line) for line in lines], (seed, log))
+
+            actions = [send] * 8 + [withdraw] * 4 + [leave_file] * 2 + [contradict, ask_nonsense, restart, compare]
+            for _ in range(40):
+                action, k = chance.choice(actions), chance.choice(by_http)
+                log.append(f"{action.__name__} {k}")
+                action(k)
+            send(0)
+            compare(0)
+            service.stop()
+            for path in [*self.folder.glob("*.journal*"), *tables.iterdir()]:
+                path.unlink()
+            service.start()
+
     def test_a_full_disk_is_507_and_passes(self):
         def limit():
             signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

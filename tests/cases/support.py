@@ -215,6 +215,16 @@ class Case(unittest.TestCase):
                 faults.append(f"step {line['step']}: log_evidence {line['log_evidence']} instead of {exact['log_evidence']}")
         self.assertFalse(faults, "\n".join(faults))
 
+    def expect_same_as_the_last_step(self):
+        """`infer` takes all data at once, `assimilate` one after the other: by quadrature both are exact."""
+        one = self.expect(0, "infer", self.project_name, "--json", "--method", "grid").lines()[-1]
+        other = self.assimilate("--method", "grid")[-1]
+        for k in range(len(one["mean"])):
+            std = other["covariance"][k][k] ** 0.5
+            self.assertLess(abs(one["mean"][k] - other["mean"][k]), 1e-6 * std)
+            self.assertLess(abs(one["covariance"][k][k] ** 0.5 - std), 1e-6 * std)
+        self.assertAlmostEqual(one["log_evidence"], other["log_evidence"], delta=1e-6)
+
     def expect_nothing_but(self, folder, names):
         """No partial file, hidden or not, is left in `folder`."""
         self.assertEqual(sorted(p.name for p in pathlib.Path(folder).iterdir()), sorted(names))

@@ -171,7 +171,9 @@ void Engine::assess(std::size_t step, StepResult& result) {
   AssessedPosterior posterior{result.update, made ? *made : update->functions(), nullptr, nullptr, false,
                               result.stuck};
   posterior.latest = method_->form_of(step);
-  if (const auto* any = method_->update()) result.lasting_errors = any->lasting_errors(posterior.functions);
+  if (const auto* any = method_->update())
+    result.lasting_errors =
+        estimated_errors(setup_.noise.lasting(), any->lasting_errors(), posterior.functions);
   posterior.lasting_errors = result.lasting_errors;
   posterior.corrected = update != nullptr && update->is_corrected();
   if (method_->changes().possible()) {

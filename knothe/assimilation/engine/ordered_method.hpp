@@ -17,6 +17,7 @@ class OrderedMethod : public PosteriorMethod {
   const UpdateResult& preview(std::size_t step) override { return posterior_at(step); }
   [[nodiscard]] const SensorReport* sensors() const override;
   [[nodiscard]] const StructureChanges& changes() const override { return robust_->changes(); }
+  [[nodiscard]] const SequentialUpdate* update() const override { return robust_->gaussian(); }
   [[nodiscard]] const likelihood::StepForm* form_of(std::size_t step) const override {
     return last_ && last_->first == step ? robust_->latest_form() : nullptr;
   }

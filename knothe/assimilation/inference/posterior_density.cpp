@@ -74,7 +74,7 @@ void PosteriorDensity::model_part(int derivatives, Eigen::Index begin, posterior
   const Eigen::Index c = points_.cols(), d = points_.rows();
   evaluator_->evaluate(points_, values_);
   if (!observations_) return density_part(derivatives, begin, out);
-  const likelihood::GaussianNoise& noise = observations_->noise;
+  const likelihood::JointNoise& noise = observations_->noise;
   const Eigen::Index m = values_.rows();
   sensitivities_ = (-values_).colwise() + observations_->values;
   weighted_ = noise.apply(sensitivities_);

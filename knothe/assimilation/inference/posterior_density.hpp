@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "knothe/assimilation/inference/model_evaluator.hpp"
-#include "knothe/likelihood/noise/gaussian_noise.hpp"
+#include "knothe/likelihood/noise/joint_noise.hpp"
 #include "knothe/posterior/log_density.hpp"
 #include "knothe/posterior/prior/prior_transform.hpp"
 
@@ -12,8 +12,8 @@ namespace knothe::assimilation {
 
 /// Observations y = f(p) + noise.
 struct Observations {
-  Eigen::VectorXd values;           ///< m
-  likelihood::GaussianNoise noise;  ///< of a single step
+  Eigen::VectorXd values;  ///< m
+  likelihood::JointNoise noise;
 };
 
 /// log π̄(z), p = F⁻¹(Φ(z)) per parameter.

@@ -12,6 +12,7 @@
 #include "knothe/assimilation/update/sequential_update.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/likelihood/discrepancy/joint_discrepancy.hpp"
+#include "knothe/likelihood/noise/joint_noise.hpp"
 #include "knothe/likelihood/step/collapsed_posterior.hpp"
 #include "knothe/likelihood/step/datum_projector.hpp"
 #include "knothe/likelihood/testing/test_models.hpp"
@@ -108,6 +109,24 @@ double dense_log_likelihood(
          0.5 * static_cast<double>(n) * std::log(2 * std::numbers::pi);
 }
 
+/// The same from the noise of all values at once, by `JointNoise`.
+double log_likelihood_at_once(const model::ObservedModel& model, const Eigen::MatrixXd& data,
+                              const likelihood::NoiseModel& noise, const Eigen::VectorXd& p) {
+  Eigen::MatrixXd central(k_dofs, data.cols()), residual(k_dofs, data.cols());
+  for (Eigen::Index t = 0; t < data.cols(); ++t) {
+    central.col(t) = model.predict(Eigen::Vector2d(1, 1), static_cast<std::size_t>(t));
+    residual.col(t) = data.col(t) - model.predict(p, static_cast<std::size_t>(t));
+  }
+  std::vector<double> present;
+  for (const double r : residual.reshaped())
+    if (!std::isnan(r)) present.push_back(r);
+  const Eigen::Map<const Eigen::VectorXd> r(present.data(), std::ssize(present));
+  const likelihood::JointNoise joint = likelihood::joint_noise(noise, data, central);
+  EXPECT_EQ(joint.size(), r.size());
+  return -0.5 * (r.dot(joint.apply(r).col(0)) + joint.log_determinant() +
+                 static_cast<double>(r.size()) * std::log(2 * std::numbers::pi));
+}
+
 void expect_is_the_joint_gaussian(const likelihood::NoiseModel& noise, const Eigen::MatrixXd& data,
                                   const std::shared_ptr<const model::ObservedModel>& model) {
   const std::vector<posterior::Prior> priors = {posterior::Prior::uniform(0.5, 1.5),
@@ -129,6 +148,9 @@ void expect_is_the_joint_gaussian(const likelihood::NoiseModel& noise, const Eig
       density.evaluate_likelihood(p.transpose(), 0, batch);
       const double exact = dense_log_likelihood(*model, data.leftCols(t + 1), matrices, p);
       EXPECT_NEAR(batch.value[0], exact, 1e-10 * std::abs(exact) + 1e-9) << "step " << t;
+      EXPECT_NEAR(log_likelihood_at_once(*model, data.leftCols(t + 1), noise, p), exact,
+                  1e-10 * std::abs(exact) + 1e-9)
+          << "step " << t;
     }
   }
 }

@@ -37,6 +37,8 @@ RobustUpdate::RobustUpdate(std::shared_ptr<const model::ObservedModel> model, li
   prior_.weights = Eigen::VectorXd::Constant(512, 1.0 / 512);
 }
 
+/// What the data before say of a datum: of the model, and of the errors that it has beside its own noise. An
+/// offset of each sensor counts as not known yet, which makes the gate wider, never narrower.
 RobustUpdate::Prediction RobustUpdate::predict(std::size_t step, std::size_t time_index) const {
   const bool knows = last_ && (last_->first == step || changes().power_before(step) > 0);
   const posterior::Posterior& before = knows ? posterior() : prior_;
@@ -52,6 +54,20 @@ RobustUpdate::Prediction RobustUpdate::predict(std::size_t step, std::size_t tim
   Prediction prediction;
   prediction.mean = model_->lift.col(time_index) + model_->space * (core * mean).eval();
   prediction.variance = (model_->space * inner).cwiseProduct(model_->space).rowwise().sum().cwiseMax(0);
+  const Eigen::Index displacements = noise_.size() - noise_.scalar_count();
+  auto of_displacements = prediction.variance.head(displacements).array();
+  of_displacements += noise_.offset_std() * noise_.offset_std();
+  of_displacements += (noise_.scale_std() * prediction.mean.head(displacements).array()).square();
+  if (const Eigen::MatrixXd* factor = noise_.step_error(step))
+    prediction.variance += factor->rowwise().squaredNorm();
+  if (const Eigen::MatrixXd* factor = noise_.lasting().factor(step)) {
+    const likelihood::ConditionalStates errors = gaussian_->lasting_errors();
+    const Eigen::MatrixXd with_w = model_->space * (core * covariance * errors.slope.transpose()).eval();
+    const Eigen::MatrixXd own = errors.covariance + errors.slope * covariance * errors.slope.transpose();
+    prediction.mean += *factor * (errors.mean - errors.slope * mean);
+    prediction.variance += (*factor * own - 2 * with_w).cwiseProduct(*factor).rowwise().sum();
+    prediction.variance = prediction.variance.cwiseMax(0);
+  }
   return prediction;
 }
 
@@ -66,9 +82,7 @@ const UpdateResult& RobustUpdate::update(const likelihood::Datum& datum, std::si
     throw UsageError("a Student-t likelihood is for sensors whose noise is independent in space: use gating");
   const auto start = monotonic_now();
   noise_std_ = (datum.noise ? *datum.noise : noise_.at_step(step)).standard_deviations();
-  Prediction before = predict(step, time_index);
-  if (const Eigen::MatrixXd* factor = noise_.step_error(step))
-    before.variance += factor->rowwise().squaredNorm();
+  const Prediction before = predict(step, time_index);
   check_sensors(before, datum.values);
   likelihood::Datum accepted = datum;  // as it is judged: without what is rejected
   for (const Eigen::Index i : sensors_.rejected) accepted.values[i] = k_nan;

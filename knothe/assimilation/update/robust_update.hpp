@@ -45,6 +45,8 @@ class RobustUpdate {
   [[nodiscard]] const StructureChanges& changes() const {
     return student_ ? student_->changes() : gaussian_->changes();
   }
+  /// The update of what was accepted; null for a Student-t likelihood.
+  [[nodiscard]] const SequentialUpdate* gaussian() const { return gaussian_ ? &*gaussian_ : nullptr; }
   /// The form of the last datum given those before; null before the first.
   [[nodiscard]] const likelihood::StepForm* latest_form() const {
     if (!last_) return nullptr;
@@ -53,7 +55,7 @@ class RobustUpdate {
 
  private:
   struct Prediction {
-    Eigen::VectorXd mean, variance;  ///< n, without the noise
+    Eigen::VectorXd mean, variance;  ///< n, without the noise of the measurement
   };
   [[nodiscard]] Prediction predict(std::size_t step, std::size_t time_index) const;
   void check_sensors(const Prediction& before, const Eigen::Ref<const Eigen::VectorXd>& values);

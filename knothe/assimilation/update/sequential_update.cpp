@@ -36,18 +36,12 @@ EstimatedBias SequentialUpdate::bias() const {
   return bias;
 }
 
-std::vector<EstimatedError> SequentialUpdate::lasting_errors(const likelihood::PosteriorFunctions& w) const {
+likelihood::ConditionalStates SequentialUpdate::lasting_errors() const {
   const auto step = store_.steps().find(result_.step);
-  if (step == store_.steps().end() || step->second.lasting_errors.mean.size() == 0) return {};
-  if (w.mean.size() == 0) return {};
-  const Eigen::MatrixX2d moments =
-      step->second.lasting_errors.moments(w.mean - store_.projector().central_functions(), w.factor);
-  std::vector<EstimatedError> estimated;
-  for (const likelihood::LastingError& error : store_.projector().noise().lasting().errors) {
-    const auto row = error.std * moments.row(std::ssize(estimated));
-    estimated.push_back({error.name, row[0], row[1]});
-  }
-  return estimated;
+  likelihood::ConditionalStates states =
+      step == store_.steps().end() ? store_.projector().lasting_errors() : step->second.lasting_errors;
+  if (states.mean.size() > 0) states.mean += states.slope * store_.projector().central_functions();
+  return states;
 }
 
 bool SequentialUpdate::is_corrected() const {

@@ -83,9 +83,9 @@ class SequentialUpdate {
   /// as what is to be added to w(p), so that U C_t of it is the bias as a field; else, where residuals are
   /// learnt, at the sensors (m).
   [[nodiscard]] EstimatedBias bias() const;
-  /// The errors that all data have together, by what the data up to the step of `result` say, whose posterior
-  /// has these functions (after `posterior_at`: `functions`).
-  [[nodiscard]] std::vector<EstimatedError> lasting_errors(const likelihood::PosteriorFunctions& w) const;
+  /// The errors that all data have together, in their standard deviations, by what the data up to the step of
+  /// `result` say (before the first datum: their prior); v is w itself here.
+  [[nodiscard]] likelihood::ConditionalStates lasting_errors() const;
   /// Changes of the structure, known or found so far.
   [[nodiscard]] const StructureChanges& changes() const { return changes_; }
   /// After `posterior_at`: w over that posterior, and the forms of all its data (as they were assimilated:

@@ -4,10 +4,13 @@
 #include <cstddef>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "knothe/assimilation/monitor/evidence_monitor.hpp"
 #include "knothe/assimilation/verdict/verdict.hpp"
+#include "knothe/likelihood/noise/conditional_filter.hpp"
 #include "knothe/likelihood/noise/noise_model.hpp"
+#include "knothe/likelihood/step/posterior_functions.hpp"
 #include "knothe/posterior/posterior.hpp"
 
 namespace knothe::assimilation {
@@ -27,6 +30,20 @@ struct EstimatedError {
   std::string name;
   double mean = 0, std = 0;
 };
+
+/// Of `states`, whose v is w, over a posterior of w.
+[[nodiscard]] inline std::vector<EstimatedError> estimated_errors(const likelihood::LastingErrors& lasting,
+                                                                  const likelihood::ConditionalStates& states,
+                                                                  const likelihood::PosteriorFunctions& w) {
+  std::vector<EstimatedError> estimated;
+  if (states.mean.size() == 0 || w.mean.size() == 0) return estimated;
+  const Eigen::MatrixX2d moments = states.moments(w.mean, w.factor);
+  for (const likelihood::LastingError& error : lasting.errors) {
+    const auto row = error.std * moments.row(std::ssize(estimated));
+    estimated.push_back({error.name, row[0], row[1]});
+  }
+  return estimated;
+}
 
 /// What `errors`, those of `lasting`, add to the values of step `step` by their means, n.
 [[nodiscard]] inline Eigen::VectorXd expected_error(const likelihood::LastingErrors& lasting,

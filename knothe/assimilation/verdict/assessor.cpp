@@ -137,7 +137,8 @@ ResidualReport Assessor::examine(const AssessedPosterior& posterior,
     // values be too small.
     if (robust_.degrees_of_freedom > 0)
       judged.set(ResidualTest::too_small, report.of(ResidualTest::too_small));
-    return judged;
+    if (!likelihood::links_steps(tests_.noise())) return judged;
+    report = std::move(judged);
   }
   if (posterior.all_data == nullptr) return report;
   // All data, also those whose residuals are no longer looked at, and errors that steps share eliminated.
@@ -146,6 +147,19 @@ ResidualReport Assessor::examine(const AssessedPosterior& posterior,
   report.values = all.values;
   report.set(ResidualTest::total, all.probability);
   return report;
+}
+
+/// The data less what they say of the errors they have together, which no cause is to be found for.
+std::vector<likelihood::DatumPointer> Assessor::without_lasting_errors(
+    const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> data) const {
+  std::vector<likelihood::DatumPointer> others(data.begin(), data.end());
+  if (posterior.lasting_errors.empty()) return others;
+  for (likelihood::DatumPointer& datum : others) {
+    auto without = std::make_shared<likelihood::Datum>(*datum);
+    without->values -= expected_error(tests_.noise().lasting(), datum->step, posterior.lasting_errors);
+    datum = std::move(without);
+  }
+  return others;
 }
 
 /// `data`: all.
@@ -256,8 +270,8 @@ void Assessor::assess_fit(const AssessedPosterior& posterior, std::span<const li
                        is_about_noise(worst)};
   bool grave = reason.value < options_.fit_reject && !is_about_noise(worst);
   if (worst != ResidualTest::repeated) {
-    const Diagnosis found =
-        diagnose(*model_, tests_, priors_, examined, posterior.update.mean, report, options_.fit_caution);
+    const Diagnosis found = diagnose(*model_, tests_, priors_, without_lasting_errors(posterior, examined),
+                                     posterior.update.mean, report, options_.fit_caution);
     reason.cause = found.cause;
     const auto few =
         found.cause == MisfitCause::unknown ? few_that_stand_out(report, options_.fit_caution) : std::nullopt;
@@ -284,7 +298,8 @@ void Assessor::assess_range(const UpdateResult& update, Verdict& verdict) const 
     const double low = edge_pressure(update, a, lower), high = edge_pressure(update, a, upper);
     const bool at_lower = low > high;
     const double edge = at_lower ? lower : upper, found = std::max(low, high);
-    if (found < options_.edge_caution) continue;
+    const double inside = probability_inside(found, std::sqrt(update.covariance(a, a)) / (upper - lower));
+    if (found < options_.edge_caution && inside > options_.outside_caution) continue;
     verdict.add(
         {VerdictPart::range,
          found > options_.edge_reject ? VerdictLevel::reject : VerdictLevel::caution,

@@ -26,8 +26,9 @@ struct VerdictOptions {
   /// How steeply a marginal falls from an edge of the box (`edge_pressure`): 0.65 for a normal
   /// density whose mean is a standard deviation beyond it, 0.69 for one that falls exponentially.
   double edge_caution = 0.672, edge_reject = 0.68;
-  double rejected_values = 0.1;  ///< share of a datum's values
-  std::size_t examined = 128;    ///< data whose residuals are looked at: the last
+  double outside_caution = 2e-3;  ///< probability of a truth inside the box (`probability_inside`)
+  double rejected_values = 0.1;   ///< share of a datum's values
+  std::size_t examined = 128;     ///< data whose residuals are looked at: the last
 };
 
 /// What a verdict is made from beside the data.
@@ -71,6 +72,8 @@ class Assessor {
                       ResidualReport& report) const;
   void test_agreement(const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> examined,
                       ResidualReport& report) const;
+  [[nodiscard]] std::vector<likelihood::DatumPointer> without_lasting_errors(
+      const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> data) const;
   [[nodiscard]] std::string misfit_in_words(const ResidualReport& report,
                                             std::span<const likelihood::DatumPointer> data) const;
   void assess_range(const UpdateResult& update, Verdict& verdict) const;

@@ -13,4 +13,9 @@ namespace knothe::assimilation {
 /// edge.
 [[nodiscard]] double edge_pressure(const posterior::Posterior& posterior, Eigen::Index a, double edge);
 
+/// Of truths evenly spread over the box, the share whose data would press a normal posterior as much or more
+/// against an edge of it. `width`: the posterior's standard deviation over that of the box. The narrower, the
+/// rarer: few truths are that near to an edge.
+[[nodiscard]] double probability_inside(double pressure, double width);
+
 }  // namespace knothe::assimilation

@@ -105,6 +105,19 @@ TEST(MisfitDiagnosis, AFrameThatIsLostOrTooManyIsNamedWithItsStep) {
                "from step 10 on the data match the model 2 steps later");
 }
 
+TEST(MisfitDiagnosis, SeveralFramesThatAreLostAreNamedEach) {
+  const auto late = [](double t) { return t < 8 ? t : t < 18 ? t + 1 : t + 2; };
+  const auto early = [](double t) { return t < 9 ? t : t < 19 ? t - 1 : t - 3; };
+  for (unsigned seed = 1; seed <= 4; ++seed) {
+    expect_named(timed(late, k_case_times - 2, seed), MisfitCause::lost_frame,
+                 "from step 8 on the data match the model 1 step later, from step 18 on 2 steps later: "
+                 "pictures or data are missing there");
+    expect_named(timed(early, k_case_times, seed), MisfitCause::lost_frame,
+                 "from step 9 on the data match the model 1 step earlier, from step 19 on 3 steps earlier: "
+                 "there are some too many");
+  }
+}
+
 TEST(MisfitDiagnosis, ATimeBaseThatIsBentIsNoShift) {
   for (const double most : {1.0, -1.5})
     expect_named(timed([most](double t) { return t + most * std::sin(M_PI * t / (k_case_times - 1)); }),
@@ -215,6 +228,42 @@ TEST(MisfitDiagnosis, SmoothedDataAreNoOrderOfTheSensors) {
   EXPECT_NE(*reason.cause, MisfitCause::sensor_order) << reason.message;
   bench.data.middleRows(3, 2).setConstant(std::nan(""));  // two sensors that are not there are not one twice
   EXPECT_EQ(fit_reason(bench).message.find("count twice"), std::string::npos);
+}
+
+/// Moving averages, whose windows are cut off at the ends of the test.
+TEST(MisfitDiagnosis, SmoothedDataAreNamedWithTheirWindow) {
+  for (const Index half : {2, 3})
+    for (unsigned seed = 1; seed <= 4; ++seed) {
+      Bench bench(seed);
+      const MatrixXd right = bench.data;
+      for (Index t = 0; t < k_case_times; ++t) {
+        const Index from = std::max<Index>(0, t - half), to = std::min(k_case_times - 1, t + half);
+        bench.data.col(t) = right.middleCols(from, to - from + 1).rowwise().mean();
+      }
+      SCOPED_TRACE(seed);
+      expect_named(bench, MisfitCause::smoothing,
+                   "the data look smoothed in time, each over about " + std::to_string(2 * half + 1));
+      // Noise that is stated as it is after that.
+      bench.noise = likelihood::NoiseModel::independent(
+          VectorXd::Constant(k_case_sensors, 0.1 / std::sqrt(2.0 * static_cast<double>(half) + 1)));
+      expect_named(bench, MisfitCause::smoothing, "the data look smoothed in time");
+    }
+}
+
+/// A factor that grows from the middle outwards: one factor for all takes little of it away, and is not
+/// named.
+TEST(MisfitDiagnosis, AFactorThatExplainsLittleIsNotNamed) {
+  int seen = 0;
+  for (const double at_the_edge : {0.02, 0.03, 0.05, 0.1, 0.2})
+    for (unsigned seed = 1; seed <= 6; ++seed) {
+      Bench bench(seed);
+      for (Index i = 0; i < k_case_sensors; ++i)
+        bench.data.row(i) *= 1 + at_the_edge * std::pow(bench.sensors.point(i)[0] / 0.55 - 1, 2);
+      const VerdictReason reason = fit_reason(bench);
+      seen += reason.cause ? 1 : 0;
+      EXPECT_EQ(reason.message.find("model's times 1.0"), std::string::npos) << reason.message;
+    }
+  EXPECT_GE(seen, 12);
 }
 
 /// What another structure adds is no mistake of the measurement.

@@ -321,6 +321,10 @@ ResidualReport ResidualTests::examine_scores(Eigen::MatrixXd scores, Index param
   const double values = report.values;
   if (report.values == 0) return report;
   report.set(ResidualTest::total, numerics::chi_squared_upper(report.misfit, values));
+  if (likelihood::links_steps(noise_)) {  // as in `examine`
+    test_extremes(report);
+    return report;
+  }
   if (report.values > parameters)
     report.set(ResidualTest::too_small, 1 - numerics::chi_squared_upper(report.misfit, values - parameters));
   LargestChiSquare steps;

@@ -11,6 +11,7 @@
 
 #include "knothe/assimilation/engine/engine.hpp"
 #include "knothe/assimilation/testing/verdict_case.hpp"
+#include "knothe/assimilation/verdict/edge_pressure.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -370,6 +371,138 @@ TEST(Verdict, ErrorsCountWhereTheyAreAlike) {
   const VectorXd expected = bench.verdict({}, near).model_shift_std;
   EXPECT_GT(everywhere.minCoeff(), 10 * expected.maxCoeff());
   EXPECT_LT((found - expected).cwiseAbs().maxCoeff(), 0.05 * expected.maxCoeff());
+}
+
+StepResult assimilate_all(const Bench& bench, double gate, std::vector<Index>* rejected = nullptr) {
+  EngineSetup setup;
+  setup.model = bench.model;
+  setup.noise = bench.noise;
+  setup.priors = bench.priors;
+  setup.sensors = bench.sensors;
+  setup.robust.gate = gate;
+  Engine engine(setup);
+  StepResult last;
+  for (std::size_t t = 0; t < k_case_times; ++t) {
+    last = engine.assimilate({{}, t, t, bench.data.col(static_cast<Index>(t)), {}});
+    if (rejected != nullptr) rejected->push_back(last.update.rejected);
+  }
+  return last;
+}
+
+void expect_nothing_rejected_and_the_same_posterior(const Bench& bench) {
+  std::vector<Index> rejected;
+  const StepResult gated = assimilate_all(bench, 5, &rejected), plain = assimilate_all(bench, 0);
+  EXPECT_EQ(*std::max_element(rejected.begin(), rejected.end()), 0);
+  EXPECT_LT((gated.update.mean - plain.update.mean).norm(), 1e-9 * plain.update.mean.norm());
+  EXPECT_LT((gated.update.covariance - plain.update.covariance).norm(),
+            1e-9 * plain.update.covariance.norm());
+  EXPECT_EQ(gated.update.verdict.level, VerdictLevel::ok) << verdict_text(gated.update.verdict);
+  ASSERT_EQ(gated.lasting_errors.size(), plain.lasting_errors.size());
+  for (std::size_t k = 0; k < plain.lasting_errors.size(); ++k)
+    EXPECT_NEAR(gated.lasting_errors[k].mean, plain.lasting_errors[k].mean,
+                1e-6 * plain.lasting_errors[k].std);
+}
+
+/// A load cell with an error that lasts, 1.5 times its standard deviation, 75 times the noise of a value.
+TEST(Verdict, WithAGateAnErrorThatLastsIsNoOutlier) {
+  for (unsigned seed = 1; seed <= 8; ++seed) {
+    Bench bench(seed);
+    model::Sensors sensors;
+    for (std::size_t i = 0; i + 1 < k_case_sensors; ++i)
+      sensors.add(bench.sensors.point(i), bench.sensors.components[i]);
+    sensors.scalars = {"force"};
+    bench.sensors = sensors;
+    std::vector<MatrixXd> factors;
+    for (Index t = 0; t < k_case_times; ++t)
+      factors.emplace_back(VectorXd::Unit(k_case_sensors, k_case_sensors - 1) * (5 + 0.1 * double(t)));
+    bench.noise = likelihood::NoiseModel::independent(VectorXd::Constant(k_case_sensors - 1, 0.1))
+                      .with_scalars(VectorXd::Constant(1, 0.1))
+                      .with_lasting_errors({{{"cell.time_offset", 2}}, factors});
+    for (Index t = 0; t < k_case_times; ++t) bench.data.col(t) += 1.5 * factors[static_cast<std::size_t>(t)];
+    expect_nothing_rejected_and_the_same_posterior(bench);
+    const StepResult last = assimilate_all(bench, 5);
+    ASSERT_EQ(last.lasting_errors.size(), 1u);
+    EXPECT_NEAR(last.lasting_errors[0].mean, 2 * 1.5, 4 * last.lasting_errors[0].std);
+    // What is no such error is still seen.
+    bench.data(k_case_sensors - 1, 20) += 1.5;
+    std::vector<Index> rejected;
+    (void)assimilate_all(bench, 5, &rejected);
+    for (Index t = 0; t < k_case_times; ++t) EXPECT_EQ(rejected[static_cast<std::size_t>(t)], t == 20) << t;
+  }
+}
+
+TEST(Verdict, WithAGateOffsetsAndAScaleAreNoOutliers) {
+  for (unsigned seed = 1; seed <= 8; ++seed) {
+    Bench bench(seed);
+    std::mt19937 random(seed);
+    std::normal_distribution<double> normal;
+    bench.data *= 1.01;
+    for (Index i = 0; i < k_case_sensors; ++i) bench.data.row(i).array() += 0.6 * normal(random);
+    bench.noise = bench.noise.with_offsets(0.6).with_scale_error(0.01);
+    expect_nothing_rejected_and_the_same_posterior(bench);
+  }
+}
+
+/// A normal density cut off: what its pressure says of where its mean was, against the formula.
+TEST(Verdict, HowRarelyATruthInsideIsPressedAgainstAnEdge) {
+  const auto cut_off = [](double beyond, double s) {
+    posterior::Posterior p;
+    constexpr Index n = 4000;
+    p.points.resize(n, 1);
+    p.weights = VectorXd::Constant(n, 1.0 / n);
+    const double mass = 0.5 * std::erfc(beyond / std::sqrt(2.0));
+    for (Index k = 0; k < n; ++k) {
+      double low = 0, high = 12;  // of the survival function
+      for (int i = 0; i < 60; ++i) {
+        const double middle = 0.5 * (low + high);
+        (0.5 * std::erfc((beyond + middle) / std::sqrt(2.0)) > mass * (1 - (double(k) + 0.5) / n) ? low
+                                                                                                  : high) =
+            middle;
+      }
+      p.points(k, 0) = s * low;
+    }
+    p.summarise();
+    return p;
+  };
+  for (const double s : {0.002, 0.01, 0.05})
+    for (const double beyond : {0.75, 1.0, 1.5, 2.0}) {
+      const posterior::Posterior p = cut_off(beyond, s);
+      const double exact = 2 * s *
+                           (std::exp(-0.5 * beyond * beyond) / std::sqrt(2 * M_PI) -
+                            beyond * 0.5 * std::erfc(beyond / std::sqrt(2.0)));
+      const double found = probability_inside(edge_pressure(p, 0, 0), std::sqrt(p.covariance(0, 0)));
+      EXPECT_NEAR(std::log(found / exact), 0, 0.1) << s << " " << beyond;
+    }
+}
+
+/// Of truths two and a half standard deviations outside nearly all are told, of truths inside nearly none.
+TEST(Verdict, ATruthOutsideTheBoxIsToldAndOneInsideIsNot) {
+  const auto range_reasons = [](const Bench& bench) {
+    std::string told;
+    for (const VerdictReason& reason : bench.verdict().reasons)
+      if (reason.part == VerdictPart::range) told += reason.message;
+    return told;
+  };
+  int outside = 0, inside = 0;
+  for (unsigned seed = 1; seed <= 100; ++seed) {
+    Bench bench(seed);
+    for (posterior::Prior& prior : bench.priors) prior = posterior::Prior::uniform(0.5, 1.5);
+    std::mt19937 random(seed);
+    std::uniform_real_distribution<double> uniform(0.5, 1.5);
+    bench.truth = {uniform(random), uniform(random)};
+    const VectorXd std = bench.noise.measurement().standard_deviations();
+    bench.data = likelihood::test::synthetic_data(*bench.model, bench.truth, std, seed);
+    inside += range_reasons(bench).empty() ? 0 : 1;
+    bench.truth = {1.0, 1.0};
+    SequentialUpdate update(bench.model, bench.noise, bench.priors);
+    bench.data = likelihood::test::synthetic_data(*bench.model, bench.truth, std, seed);
+    for (std::size_t t = 0; t < k_case_times; ++t) update.update(t, t, bench.data.col(static_cast<Index>(t)));
+    // The box ends two and a half standard deviations before the truth.
+    bench.priors[0] = posterior::Prior::uniform(0.5, 1 - 2.5 * update.result().standard_deviations()[0]);
+    outside += range_reasons(bench).find("a is pressed against the upper end") == 0 ? 1 : 0;
+  }
+  EXPECT_GE(outside, 90);
+  EXPECT_LE(inside, 2);
 }
 
 TEST(Verdict, APosteriorPressedAgainstAnEdgeIsRejected) {

@@ -18,6 +18,14 @@ constexpr double k_moved_by = 30;             // χ² that another place must sp
 constexpr Index k_max_knots = 8;              // of a time base that is bent
 constexpr double k_whole_frames = 0.15;       // so near to a whole number
 constexpr double k_worth_a_look = 0.7;        // of the misfit: what is left of it by a rough fit
+constexpr double k_share_of_excess = 0.5;     // of the misfit beyond noise that a cause must spare
+constexpr double k_plausible = 1e-3;          // of the sharper tests, by chance, where a cause explains all
+constexpr Index k_max_delay = 6,
+                k_max_frames = 4;  // steps by which data are late, and how often that changes
+constexpr int k_rounds = 4;        // of delays and parameters in turn
+constexpr Index k_max_half_window = 5,
+                k_windows = 3;    // smoothed data, and how many windows they are at least
+constexpr double k_smooth = 0.4;  // correlation of neighbours that smoothing leaves
 
 /// Of m data, piecewise linear between q knots, m × q.
 Eigen::MatrixXd hats(Index m, Index q) {
@@ -32,6 +40,27 @@ Eigen::MatrixXd step_at(Index m, Index from) {
   Eigen::MatrixXd basis = Eigen::MatrixXd::Ones(m, 1);
   basis.topRows(from).setZero();
   return basis;
+}
+
+/// Of data whose misfits at delays of −D … D steps are given (m × 2D + 1), the delays that are best where
+/// each change costs as much as chance may spare.
+std::vector<Index> whole_delays(const Eigen::MatrixXd& misfits) {
+  const Index m = misfits.rows(), count = misfits.cols();
+  Eigen::MatrixXi from(m, count);
+  Eigen::VectorXd cost = misfits.row(0).transpose();
+  for (Index k = 1; k < m; ++k) {
+    Index least = 0;
+    const double changed = cost.minCoeff(&least) + k_moved_by;
+    for (Index d = 0; d < count; ++d) {
+      from(k, d) = static_cast<int>(changed < cost[d] ? least : d);
+      cost[d] = std::min(changed, cost[d]) + misfits(k, d);
+    }
+  }
+  std::vector<Index> delays(m);
+  cost.minCoeff(&delays.back());
+  for (Index k = m - 1; k > 0; --k) delays[k - 1] = from(k, delays[k]);
+  for (Index& delay : delays) delay -= (count - 1) / 2;
+  return delays;
 }
 
 std::string later_or_earlier(double steps) {
@@ -61,16 +90,26 @@ bool WhatIfCauses::takes_nearly_all(double misfit) const {
   return !fits_plainly() && misfit - n < k_nearly_all * (plain_.misfit - n);
 }
 
+/// Of all data: nothing is left but noise, which so many successive values share, and that is not what was
+/// left before.
+bool WhatIfCauses::explains_all(double misfit, Index sharing) const {
+  const double n = fits_of_all_.present(), before = fits_of_all_.fit_from({}, plain_.p, {}).misfit;
+  return misfit < n * (1 + 5 * std::sqrt(2 * sharing / n)) &&
+         before - misfit > std::max(25.0, k_share_of_excess * (before - n));
+}
+
 /// `freedom`: numbers that are free beside the parameters.
 Tried WhatIfCauses::judged(MisfitCause cause, const WhatIfAnswer& answer, Index freedom,
                            std::string message) const {
   Tried tried{cause, answer.misfit, std::move(message)};
   const double spared = plain_.misfit - answer.misfit;
   // A misfit too small for χ² of all is seen by the sharper tests alone.
-  tried.explains = fits_plainly()
-                       ? spared > 25 + 3 * freedom && tests_.noise().measurement().is_independent() &&
-                             !tests_.examine_scores(answer.scores, answer.p.size()).fails(limit_)
-                       : is_small(answer.misfit + freedom);
+  tried.explains =
+      fits_plainly()
+          ? spared > 25 + 3 * freedom && tests_.noise().measurement().is_independent() &&
+                !tests_.examine_scores(answer.scores, answer.p.size()).fails(std::max(limit_, k_plausible))
+          : is_small(answer.misfit + freedom) &&
+                spared - freedom > k_share_of_excess * (plain_.misfit - fits_.present());
   return tried;
 }
 
@@ -78,8 +117,8 @@ std::optional<Tried> WhatIfCauses::find(bool sensors_may_be_permuted) {
   using Attempt = void (WhatIfCauses::*)();
   for (const Attempt attempt :
        {&WhatIfCauses::try_factors, &WhatIfCauses::try_shift, &WhatIfCauses::try_swapped_components,
-        &WhatIfCauses::try_sensor_order, &WhatIfCauses::try_lost_frame, &WhatIfCauses::try_regions,
-        &WhatIfCauses::try_time_base, &WhatIfCauses::try_offsets}) {
+        &WhatIfCauses::try_sensor_order, &WhatIfCauses::try_smoothing, &WhatIfCauses::try_lost_frames,
+        &WhatIfCauses::try_regions, &WhatIfCauses::try_time_base, &WhatIfCauses::try_offsets}) {
     if (attempt == &WhatIfCauses::try_sensor_order && !sensors_may_be_permuted) continue;
     (this->*attempt)();
     const auto found =
@@ -311,46 +350,98 @@ void WhatIfCauses::try_time_base() {
   add(std::move(tried));
 }
 
-/// No delay before a datum, then a whole number of steps: first roughly where, then the very datum.
-void WhatIfCauses::try_lost_frame() {
-  const Index few = std::ssize(few_), m = std::ssize(all_);
-  if (few < 8) return;
-  const auto from_datum = [](Index count, Index from) {
+/// Averages over a window in time that is cut off at the ends. What is left is noise that neighbours share.
+void WhatIfCauses::try_smoothing() {
+  const Index m = std::ssize(all_), n = tests_.noise().size();
+  const auto over = [m](Index half) {
     WhatIf assumption;
-    assumption.delays = step_at(count, from);
+    assumption.smoothing.setZero(m, m);
+    for (Index k = 0; k < m; ++k) {
+      const Index from = std::max<Index>(0, k - half), count = std::min(m - 1, k + half) - from + 1;
+      assumption.smoothing.col(k).segment(from, count).setConstant(1.0 / count);
+    }
     return assumption;
   };
-  WhatIfAnswer rough;
-  rough.misfit = k_worth_a_look * plain_.misfit;
-  for (Index part = 1; part < k_max_knots; ++part) {
-    WhatIfAnswer answer =
-        fits_.fit_from(from_datum(few, part * few / k_max_knots), plain_.p, Eigen::VectorXd::Zero(1));
-    if (answer.misfit < rough.misfit) rough = std::move(answer);
-  }
-  if (rough.shifts.size() == 0) return;
-  const double frames = std::copysign(std::max(1.0, std::round(std::abs(rough.shifts[0]))), rough.shifts[0]);
-  const Eigen::VectorXd by = Eigen::VectorXd::Constant(1, frames);
+  Index half = 0;
   double least = std::numeric_limits<double>::infinity();
-  Index guess = 1, from = 1;
-  for (Index k = 1; k + 1 < m; ++k) {
-    const double misfit = fits_of_all_.misfit_at(from_datum(m, k), rough.p, by);
-    if (misfit < least) least = misfit, guess = k;
+  for (Index h = 1; h <= k_max_half_window && m >= k_windows * (2 * h + 1); ++h) {
+    const double misfit = fits_of_all_.fit_from(over(h), plain_.p, {}).misfit;
+    if (misfit < least) least = misfit, half = h;
   }
-  WhatIfAnswer best;
-  best.misfit = std::numeric_limits<double>::infinity();
-  for (Index k = std::max<Index>(1, guess - 3); k <= std::min(m - 2, guess + 3); ++k) {
-    WhatIfAnswer answer = fits_of_all_.fit_from(from_datum(m, k), rough.p, by);
-    if (answer.misfit < best.misfit) best = std::move(answer), from = k;
+  if (half == 0) return;
+  const WhatIfAnswer best = fits_of_all_.fit(over(half));
+  if (!explains_all(best.misfit, 2 * half + 1)) return;
+  const auto products = best.scores.leftCols(m - 1).cwiseProduct(best.scores.rightCols(m - 1));
+  if (products.sum() / (n * (m - 1)) < k_smooth * best.misfit / (n * m)) return;
+  Tried tried{
+      MisfitCause::smoothing, best.misfit,
+      fmt::format("the data look smoothed in time, each over about {} and over fewer at the ends: give "
+                  "them as they were measured, or leave out {} at each end and state the noise left",
+                  2 * half + 1, half)};
+  tried.explains = true;
+  tried_.push_back(std::move(tried));
+}
+
+/// Delays of whole steps, each from a datum on: these follow from parameters, and the parameters from them.
+void WhatIfCauses::try_lost_frames() {
+  const Index few = std::ssize(few_), m = std::ssize(all_);
+  if (few < 8) return;
+  WhatIf bent;
+  bent.delays = hats(few, std::min<Index>(k_max_knots, few / 3));
+  WhatIfAnswer best = fits_.fit(bent);
+  for (Index part = 1; part < k_max_knots; ++part) {
+    WhatIf late;
+    late.delays = step_at(few, part * few / k_max_knots);
+    WhatIfAnswer answer = fits_.fit_from(late, plain_.p, Eigen::VectorXd::Zero(1));
+    if (answer.misfit < best.misfit) best = std::move(answer);
   }
-  const double n = fits_of_all_.present(), shift = best.shifts[0];
-  const double whole = std::round(shift);
-  if (!(best.misfit < n * (1 + 5 * std::sqrt(2 / n))) || whole == 0 ||
-      std::abs(shift - whole) > k_whole_frames)
-    return;
-  Tried tried{MisfitCause::lost_frame, best.misfit,
-              fmt::format("from step {} on the data match the model {}: {}", all_[from]->step,
-                          later_or_earlier(whole),
-                          whole > 0 ? "a picture or datum is missing there" : "there is one too many")};
+  if (!(best.misfit < k_worth_a_look * plain_.misfit)) return;
+  std::vector<Index> delays;
+  for (int round = 0; round < k_rounds; ++round) {
+    Eigen::MatrixXd misfits(m, 2 * k_max_delay + 1);
+    WhatIf late;
+    late.delays = Eigen::MatrixXd::Ones(m, 1);
+    for (Index d = -k_max_delay; d <= k_max_delay; ++d)
+      misfits.col(d + k_max_delay) = fits_of_all_.scores_at(late, best.p, Eigen::VectorXd::Constant(1, d))
+                                         .colwise()
+                                         .squaredNorm()
+                                         .transpose();
+    std::vector<Index> found = whole_delays(misfits);
+    if (found == delays) break;
+    delays = std::move(found);
+    std::vector<Index> at;
+    for (Index k = 1; k < m; ++k)
+      if (delays[k] != delays[k - 1]) at.push_back(k);
+    if (at.empty() || std::ssize(at) > k_max_frames) return;
+    WhatIf steps;
+    steps.delays.resize(m, std::ssize(at));
+    Eigen::VectorXd by(std::ssize(at));
+    for (std::size_t j = 0; j < at.size(); ++j) {
+      steps.delays.col(j) = step_at(m, at[j]);
+      by[j] = delays[at[j]] - delays[at[j] - 1];
+    }
+    best = fits_of_all_.fit_from(steps, best.p, by);
+  }
+  if (!explains_all(best.misfit)) return;
+  const Eigen::VectorXd whole = best.shifts.array().round();
+  if ((whole.array() == 0).any() || (best.shifts - whole).cwiseAbs().maxCoeff() > k_whole_frames) return;
+  std::string where;
+  double late = 0;
+  Index j = 0;
+  for (Index k = 1; k < m; ++k) {
+    if (delays[k] == delays[k - 1]) continue;
+    late += whole[j++];
+    where += fmt::format("{}from step {} on{}{}", where.empty() ? "" : ", ", all_[k]->step,
+                         where.empty() ? " the data match the model " : " ",
+                         late == 0 ? std::string("as it is") : later_or_earlier(late));
+  }
+  const bool is_one = whole.size() == 1;
+  Tried tried{
+      MisfitCause::lost_frame, best.misfit,
+      where + (whole.minCoeff() > 0
+                   ? is_one ? ": a picture or datum is missing there" : ": pictures or data are missing there"
+               : whole.maxCoeff() < 0 ? is_one ? ": there is one too many" : ": there are some too many"
+                                      : ": pictures or data are missing, and others are too many")};
   tried.explains = true;
   tried_.push_back(std::move(tried));
 }

@@ -35,8 +35,8 @@ class WhatIfCauses {
 
   /// The first that explains the data, or else the one that takes nearly all of the misfit away. In this
   /// order: a factor (of all displacements, of a component or a series, of all but one), a shift in time,
-  /// swapped components, the order of the sensors (where wanted), a frame that is missing, a factor in a
-  /// region, a time base that is bent, a constant of each sensor.
+  /// swapped components, the order of the sensors (where wanted), smoothing, frames that are missing, a
+  /// factor in a region, a time base that is bent, a constant of each sensor.
   [[nodiscard]] std::optional<Tried> find(bool sensors_may_be_permuted);
   /// One sensor's own factor.
   [[nodiscard]] std::optional<Tried> factor_of_sensor(Eigen::Index sensor) const;
@@ -46,13 +46,15 @@ class WhatIfCauses {
   [[nodiscard]] Tried judged(MisfitCause cause, const WhatIfAnswer& answer, Eigen::Index freedom,
                              std::string message) const;
   [[nodiscard]] bool takes_nearly_all(double misfit) const;
+  [[nodiscard]] bool explains_all(double misfit, Eigen::Index sharing = 1) const;
   [[nodiscard]] std::optional<Tried> factor_of(const Eigen::VectorXd& rows, const std::string& what,
                                                const std::string& axis, bool is_displacement) const;
   void try_factors();
   void try_shift();
   void try_swapped_components();
   void try_sensor_order();
-  void try_lost_frame();
+  void try_smoothing();
+  void try_lost_frames();
   void try_regions();
   void try_time_base();
   void try_offsets();

@@ -94,7 +94,8 @@ void WhatIfFits::evaluate(const WhatIf& assumption, Point& point, bool derivativ
   model_->functions->evaluate(point.p.transpose(), derivatives ? 1 : 0, batch);
   const Eigen::VectorXd shift = q > 0 ? Eigen::VectorXd(assumption.delays * point.shifts) : Eigen::VectorXd();
   // In standard deviations, of the sensors in their order; 0 where nothing is measured.
-  const auto scores_of = [&](const Eigen::MatrixXd& y) -> Eigen::MatrixXd {
+  const auto scores_of = [&](Eigen::MatrixXd y) -> Eigen::MatrixXd {
+    if (assumption.smoothing.size() > 0) y *= assumption.smoothing;
     if (assumption.order.empty()) return there_.cwiseProduct(y);
     return there_.cwiseProduct(Eigen::MatrixXd(y(assumption.order, Eigen::all)));
   };
@@ -235,13 +236,13 @@ WhatIfAnswer WhatIfFits::fit_from(const WhatIf& assumption, const Eigen::VectorX
   return {point.p, point.factor, point.shifts, point.misfit, point.scores, point.factors, point.response};
 }
 
-double WhatIfFits::misfit_at(const WhatIf& assumption, const Eigen::VectorXd& p,
-                             const Eigen::VectorXd& shifts) const {
+Eigen::MatrixXd WhatIfFits::scores_at(const WhatIf& assumption, const Eigen::VectorXd& p,
+                                      const Eigen::VectorXd& shifts) const {
   Point point;
   point.p = p;
   point.shifts = shifts;
   evaluate(assumption, point, false);
-  return point.misfit;
+  return point.scores;
 }
 
 }  // namespace knothe::assimilation

@@ -14,9 +14,10 @@ struct WhatIf {
   std::vector<Eigen::Index> order;  ///< o, n; empty: the sensors' own
   Eigen::VectorXd scaled;  ///< n: 1 where the free factor f applies, 0 where f_i = 1; empty: no factor
   Eigen::MatrixXd delays;  ///< m × q: δ = delays · s with free s, in steps of the model's time; empty: none
-  bool own_factors = false;  ///< each sensor has a free factor
-  bool offsets = false;      ///< each sensor has a free constant
-  bool robust = false;       ///< Cauchy weights: values far off hardly count
+  Eigen::MatrixXd smoothing;  ///< m × m: the data are the true ones times this; empty: themselves
+  bool own_factors = false;   ///< each sensor has a free factor
+  bool offsets = false;       ///< each sensor has a free constant
+  bool robust = false;        ///< Cauchy weights: values far off hardly count
 };
 
 struct WhatIfAnswer {
@@ -40,9 +41,9 @@ class WhatIfFits {
   [[nodiscard]] WhatIfAnswer fit(const WhatIf& assumption) const;
   [[nodiscard]] WhatIfAnswer fit_from(const WhatIf& assumption, const Eigen::VectorXd& p,
                                       const Eigen::VectorXd& shifts) const;
-  /// The misfit there, nothing fitted but what is linear.
-  [[nodiscard]] double misfit_at(const WhatIf& assumption, const Eigen::VectorXd& p,
-                                 const Eigen::VectorXd& shifts) const;
+  /// The scores there, n × m, nothing fitted but what is linear.
+  [[nodiscard]] Eigen::MatrixXd scores_at(const WhatIf& assumption, const Eigen::VectorXd& p,
+                                          const Eigen::VectorXd& shifts) const;
   /// y at p, n × m.
   [[nodiscard]] Eigen::MatrixXd predicted(const Eigen::VectorXd& p) const;
   /// The same of other values (n × m; NaN: missing).
