@@ -68,6 +68,11 @@ case many_parameters in *"${1:-}"*)
   python3 bench/many_parameters.py "$knothe"
 esac
 
+case reduced_model in *"${1:-}"*)
+  echo "== reduced_model"
+  /usr/bin/python3 bench/reduced_model.py "$knothe"
+esac
+
 case service_ages in *"${1:-}"*)
   echo "== service_ages"
   /usr/bin/python3 bench/service_ages.py "$knothe" out/bench/ages

@@ -30,7 +30,9 @@ Index axis_of(const std::vector<model::Axis>& axes, std::string_view name) {
   return found == axes.end() ? -1 : found - axes.begin();
 }
 
-int steps_of_runs(int steps) { return std::lround(steps * k_longer); }
+int steps_of_runs(int steps) {
+  return std::lround(steps * k_longer);
+}
 
 /// So many steps up to the last displacement, and further ones.
 BeamProblem going_on(BeamProblem problem, int steps) {
@@ -39,12 +41,14 @@ BeamProblem going_on(BeamProblem problem, int steps) {
   return problem;
 }
 
-bool is_residual(const model::SnapshotOutput& output) { return output.name == "equilibrium_residual"; }
+bool is_residual(const model::SnapshotOutput& output) {
+  return output.name == "equilibrium_residual";
+}
 
 /// The runs in an orthonormal basis of space modes.
 struct ReducedRuns {
-  MatrixXd modes;                         ///< n_dof × R
-  std::vector<model::History> histories;  ///< rows: coordinates of u − lift, outputs
+  MatrixXd modes;                              ///< n_dof × R
+  std::vector<model::History> histories;       ///< rows: coordinates of u − lift, outputs
   std::vector<model::SnapshotOutput> outputs;  ///< their names and units
   double largest_left_out = 0;
 };
@@ -67,13 +71,11 @@ ReducedRuns reduced(const std::vector<model::Run>& runs, const Eigen::VectorXd& 
     const MatrixXd u = deviation(model::read_run(runs[j]).solution, unit_lift, time);
     for (Index k = 0; k < sampled; ++k) samples.col(j * sampled + k) = u.col(steps - 1 - k * every);
   }
-  result.modes =
-      model::dominant_space(samples, k_left_out * k_left_out * samples.squaredNorm(), 1, 0).basis;
+  result.modes = model::dominant_space(samples, k_left_out * k_left_out * samples.squaredNorm(), 1, 0).basis;
   for (const model::Run& run : runs) {
     const model::Snapshots solution = model::read_run(run).solution;
     const MatrixXd u = deviation(solution, unit_lift, time), c = result.modes.transpose() * u;
-    result.largest_left_out =
-        std::max(result.largest_left_out, (u - result.modes * c).cwiseAbs().maxCoeff());
+    result.largest_left_out = std::max(result.largest_left_out, (u - result.modes * c).cwiseAbs().maxCoeff());
     model::History history{time, {}, MatrixXd(c.rows() + std::ssize(solution.outputs) - 1, steps)};
     history.values.topRows(c.rows()) = c;
     result.outputs.clear();
@@ -227,43 +229,27 @@ SimilarRuns::SimilarRuns(const project::Project& project)
   for (int i = 1; i <= steps_of_runs(steps); ++i) time.push_back(1.0 * i / steps);
 }
 
-SolvedGrid solve_similar_grid(const project::Project& project, const std::string& parts_folder,
-                              const files::CommandOutput& output) {
-  const project::OfflineOptions& options = *project.offline;
-  const model::RunGrid grid = run_grid_of(project, parts_folder);
-  SimilarRuns similar(project);
-  const Similarity& similarity = similar.similarity;
-  const model::JobShare share = share_of_ranks();
-  const std::vector<std::vector<double>> points = similarity.points();
-  model::PointRuns runs = model::run_points(similar.solver, grid, points, share);
-  SolvedGrid solved;
-  solved.failed = runs.failed.size();
-  if (share.rank != 0) return solved;
-  for (Index i = 0; i < std::ssize(points); ++i) {
-    if (std::ranges::binary_search(runs.failed, i)) continue;
-    const bool is_new = std::ranges::binary_search(runs.computed, i);
-    report_run({points[i], !is_new, model::read_run(runs.runs[i]).record}, output);
-  }
-  output.text(fmt::format("{} full-order runs ({} reused from an earlier call)", points.size(),
-                          points.size() - runs.computed.size()));
-  std::vector<std::vector<double>> nodes = similarity.nodes();
-  leave_out(runs.failed, nodes, runs.runs);
+namespace {
 
-  model::Snapshots frame = *BeamSimulator(beam_problem(project), grid.axes).frame();
-  frame.axes = grid.axes;
+/// The project's grid, filled.
+model::GridSolutions fill(const project::Project& project, const SimilarRuns& similar,
+                          const std::vector<std::vector<double>>& nodes,
+                          const std::vector<model::Run>& runs) {
+  const project::OfflineOptions& options = *project.offline;
+  const std::vector<model::Axis> axes = parameter_axes(project);
+  model::Snapshots frame = *BeamSimulator(beam_problem(project), axes).frame();
+  frame.axes = axes;
   const Eigen::VectorXd unit_lift =  // at time 1
-      Eigen::Map<const MatrixXd>(frame.lift.data(), std::ssize(frame.dofs.components),
-                                 std::ssize(frame.time))
+      Eigen::Map<const MatrixXd>(frame.lift.data(), std::ssize(frame.dofs.components), std::ssize(frame.time))
           .rightCols(1);
-  ReducedRuns reduced_runs = reduced(runs.runs, unit_lift, similar.time);
+  ReducedRuns reduced_runs = reduced(runs, unit_lift, similar.time);
   const model::RegisteredSolutions registered(nodes, std::move(reduced_runs.histories));
   const bool is_resampled = !options.time.output.empty();
   std::vector<double> times = frame.time;
   if (is_resampled) times.assign(similar.time.begin(), similar.time.begin() + options.scaling_steps);
-
   std::vector<model::Snapshots> solutions(frame.grid_size());
   parallel_for(solutions.size(), 0, [&](std::size_t g) {
-    solutions[g] = solution_at(registered, reduced_runs, similarity, frame.parameters_at(g), times);
+    solutions[g] = solution_at(registered, reduced_runs, similar.similarity, frame.parameters_at(g), times);
     if (is_resampled) solutions[g] = model::resampled(solutions[g], options.time);
   });
   frame.time = solutions[0].time;
@@ -280,8 +266,34 @@ SolvedGrid solve_similar_grid(const project::Project& project, const std::string
   if (!is_resampled) lift.row(0) = Eigen::Map<const Eigen::RowVectorXd>(times.data(), lift.cols());
   MatrixXd modes(unit_lift.size(), lift.rows());
   modes << unit_lift, reduced_runs.modes;
-  solved.solutions = model::solutions_in_modes(std::move(frame), modes, coordinates, lift);
-  solved.solutions.largest_left_out = reduced_runs.largest_left_out;
+  model::GridSolutions filled = model::solutions_in_modes(std::move(frame), modes, coordinates, lift);
+  filled.largest_left_out = reduced_runs.largest_left_out;
+  return filled;
+}
+
+}  // namespace
+
+SolvedGrid solve_similar_grid(const project::Project& project, const std::string& parts_folder,
+                              const files::CommandOutput& output) {
+  const model::RunGrid grid = run_grid_of(project, parts_folder);
+  SimilarRuns similar(project);
+  const model::JobShare share = share_of_ranks();
+  const std::vector<std::vector<double>> points = similar.similarity.points();
+  model::PointRuns runs = model::run_points(similar.solver, grid, points, share);
+  SolvedGrid solved;
+  solved.failed = runs.failed.size();
+  solved.solutions.snapshots.axes = grid.axes;  // all that other ranks need
+  if (share.rank != 0) return solved;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (std::ranges::binary_search(runs.failed, i)) continue;
+    const bool is_new = std::ranges::binary_search(runs.computed, i);
+    report_run({points[i], !is_new, model::read_run(runs.runs[i]).record}, output);
+  }
+  output.text(fmt::format("{} full-order runs ({} reused from an earlier call)", points.size(),
+                          points.size() - runs.computed.size()));
+  std::vector<std::vector<double>> nodes = similar.similarity.nodes();
+  leave_out(runs.failed, nodes, runs.runs);
+  solved.solutions = fill(project, similar, nodes, runs.runs);
   return solved;
 }
 

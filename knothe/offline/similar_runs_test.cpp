@@ -44,8 +44,8 @@ std::vector<double> run_for(const Similarity& similarity, const std::vector<doub
 
 /// Largest difference of a run and the direct solution, as a fraction of the largest value. The run has twice
 /// as many load steps, and the point twice its s: load steps coincide.
-double difference(const BeamProblem& problem, const std::vector<model::Axis>& axes, const Similarity& similarity,
-                  const std::vector<double>& point) {
+double difference(const BeamProblem& problem, const std::vector<model::Axis>& axes,
+                  const Similarity& similarity, const std::vector<double>& point) {
   BeamProblem finer = problem;
   finer.solver.steps *= 2;
   const model::Snapshots run = BeamSimulator(finer, axes).solve(run_for(similarity, point));
@@ -112,8 +112,8 @@ TEST(Similarity, FractureEnergyCountsTheOtherWay) {
 /// A project of the coarse beam with these lines in [offline].
 project::Project project_with(const std::string& lines, int nodes) {
   const auto axis = [&](const char* name, double reference) {
-    return fmt::format("[offline.parameters.{}]\nreference = {}\nlower = 0.7\nupper = 1.3\nnodes = {}\n", name,
-                       reference, nodes);
+    return fmt::format("[offline.parameters.{}]\nreference = {}\nlower = 0.7\nupper = 1.3\nnodes = {}\n",
+                       name, reference, nodes);
   };
   return project::parse_project(
       "[parameters]\nY0 = { prior = \"normal\", mean = 1, std = 0.2 }\n"
@@ -148,8 +148,7 @@ TEST(SimilarGrid, NineRunsAreBetterThanATensorGridOfFortyNine) {
   const project::Project tensor = project_with("", 7);
   const auto solver = project_simulator(tensor, parameter_axes(tensor));
   const SolvedGrid direct = solve_project_grid(tensor, *solver, folder.file("tensor"), quiet);
-  const project::Project few =
-      project_with("scaling = \"on\"\nscaling_runs = 9\nscaling_steps = 400\n", 25);
+  const project::Project few = project_with("scaling = \"on\"\nscaling_runs = 9\nscaling_steps = 400\n", 25);
   const SolvedGrid similar = solve_similar_grid(few, folder.file("similar"), quiet);
   const double of_tensor = error_off_the_grid(tensor, direct.solutions);
   const double of_similar = error_off_the_grid(few, similar.solutions);

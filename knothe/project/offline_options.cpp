@@ -249,10 +249,11 @@ void check_scaling(Values& values, const OfflineOptions& o) {
   if (!o.scaling) return;
   const auto refuse = [&](bool when, const char* key) {
     if (when)
-      values.complain(std::string("offline.") + key,
-                      fmt::format("[offline] scaling = \"on\" fills the grid from \"scaling_runs\" full-order "
-                                  "runs: leave \"{}\" away",
-                                  key));
+      values.complain(
+          std::string("offline.") + key,
+          fmt::format("[offline] scaling = \"on\" fills the grid from \"scaling_runs\" full-order "
+                      "runs: leave \"{}\" away",
+                      key));
   };
   refuse(o.adaptive_grid_error.has_value(), "adaptive.grid_error");
   refuse(o.adaptive_grid_shift.has_value(), "adaptive.grid_shift");
@@ -271,9 +272,9 @@ void check_own_solver(Values& values, const OfflineOptions& o) {
   if (o.method == OfflineMethod::latin)
     values.complain("offline.method",
                     "LATIN-PGD solves for the built-in beam: another solver needs method = \"snapshots\"");
-  for (const char* key : {"mesh", "damage", "latin", "steps", "displacement", "young_modulus",
-                          "poisson_ratio", "left_support", "crack_lengths", "scaling",
-                          "scaling_runs", "scaling_steps"}) {
+  for (const char* key :
+       {"mesh", "damage", "latin", "steps", "displacement", "young_modulus", "poisson_ratio", "left_support",
+        "crack_lengths", "scaling", "scaling_runs", "scaling_steps"}) {
     const std::string path = std::string("offline.") + key;
     if (values.has(path) || values.has_table(path))
       values.complain(path, fmt::format("[offline] {} is of the built-in beam: leave it away beside "

@@ -101,9 +101,9 @@ struct OfflineOptions {
   double young_modulus = 30e9;
   double poisson_ratio = 0.23;
   LeftSupport left_support = LeftSupport::support_line;
-  model::TimeAxis time;  ///< no output: the solver's own times
-  bool scaling = false;  ///< the grid from runs at a few values of A_d Y₀, by the beam's similarity
-  int scaling_runs = 13;  ///< values of A_d Y₀
+  model::TimeAxis time;      ///< no output: the solver's own times
+  bool scaling = false;      ///< the grid from runs at a few values of A_d Y₀, by the beam's similarity
+  int scaling_runs = 13;     ///< values of A_d Y₀
   int scaling_steps = 1600;  ///< load steps of these runs
   int processes = 2;
   bool leave_out_failed = false;  ///< runs that fail; else they are an error

@@ -320,8 +320,9 @@ Values parse_values(const std::string& text, const std::string& folder) {
     std::string complaint = fmt::format("not valid TOML: {}", error.description());
     // `data = "D.h5"` and [data.std], for instance.
     if (complaint.find("redefine existing string") != std::string::npos)
-      complaint += ": beside further tables write `data = \"FILE\"` as [data] and `file = \"FILE\"`, "
-                   "`model = \"FILE\"` as [model] and `separated = \"FILE\"`";
+      complaint +=
+          ": beside further tables write `data = \"FILE\"` as [data] and `file = \"FILE\"`, "
+          "`model = \"FILE\"` as [model] and `separated = \"FILE\"`";
     values.complaints.push_back({line, column, complaint});
   }
   return values;

@@ -17,7 +17,7 @@ class Test(Case):
 
     def test_the_short_form_of_data_beside_its_tables_is_explained(self):
         self.edit("[parameters]", "[data.std]\nreaction_force = 2.0\n\n[parameters]", 1)
-        self.expect(3, "check", self.project_name, stderr=[self.position_of("[data.std]"), "not valid TOML", 'as [data] and `file = "FILE"`'])
+        self.expect(3, "check", self.project_name, stderr=[self.position_of("reaction_force = 2.0"), "not valid TOML", 'as [data] and `file = "FILE"`'])
 
     def test_a_valid_file_is_valid(self):
         self.assertIn("valid", self.expect(0, "check", self.project_name).out)

@@ -343,7 +343,8 @@ Eigen::VectorXd Assessor::relevance_of_errors(const UpdateResult& update) const 
   const auto log_normal = [](double away, double variance) {
     return -0.5 * (away * away / variance + std::log(2 * M_PI * variance));
   };
-  // Of Σ e ln p, where errors that are alike are told by it: the range over the box, the posterior's variance.
+  // Of Σ e ln p, where errors that are alike are told by it: the range over the box, the posterior's
+  // variance.
   double range = 0, spread = errors_.alike_within * errors_.alike_within;
   if (errors_.alike.size() > 0) {
     const Eigen::VectorXd slope = errors_.alike.cwiseQuotient(update.mean);

@@ -21,7 +21,9 @@ struct Front {
 };
 
 /// Cubic in q, as the splines are.
-Front front_at(double q) { return {0.2 + 0.1 * q * q, 0.3 + 0.05 * q * q * q, 1 + q, 2 - q * q}; }
+Front front_at(double q) {
+  return {0.2 + 0.1 * q * q, 0.3 + 0.05 * q * q * q, 1 + q, 2 - q * q};
+}
 
 History history_of(const Front& front) {
   History history;
@@ -69,7 +71,8 @@ TEST(RegisteredSolutions, TakeHistoriesLastAxisFastest) {
     EXPECT_NEAR(registered.at(std::vector{0.3, 0.6}, std::vector{t})(0, 0), front(0.3, 0.6).value(t), 1e-13);
 }
 
-// One solution jumps within a step where the other passes through: the clock stands still, and never goes back.
+// One solution jumps within a step where the other passes through: the clock stands still, and never goes
+// back.
 TEST(RegisteredSolutions, AJumpTakesOneStep) {
   History jump;
   jump.time = {0.1, 0.2, 0.3, 0.301, 0.4};
@@ -95,7 +98,9 @@ TEST(RegisteredSolutions, WrongNumbersAreTold) {
             "a history is needed for each point of the grid");
   History broken = history_of(front_at(0));
   broken.state[0] = 0;
-  EXPECT_EQ(files::message_of<UsageError>([&] { RegisteredSolutions(nodes, {broken, broken}); }),
+  EXPECT_EQ(files::message_of<UsageError>([&] {
+              RegisteredSolutions(nodes, {broken, broken});
+            }),
             "a history needs a state above zero and values at each of its times");
 }
 
