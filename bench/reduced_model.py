@@ -7,7 +7,8 @@ error of the displacements at the truths, rms; shift of the posterior means, in 
 worst; ratio of the standard deviations; how often what the verdict says of the shift (with noise) is right within 1.5, and how
 often so or both are below 0.3.
 
-usage: reduced_model.py KNOTHE [TRUTHS] [SEED]     (python3-h5py, python3-scipy)
+usage: reduced_model.py KNOTHE [TRUTHS] [SEED] [LOW HIGH]     (python3-h5py, python3-scipy)
+       LOW, HIGH: between which both parameters are drawn, else 0.6 and 1.4
 """
 import json
 import os
@@ -24,6 +25,7 @@ from scipy.interpolate import RectBivariateSpline, make_interp_spline
 
 KNOTHE = str(pathlib.Path(sys.argv[1]).resolve())
 TRUTHS, SEED = (int(sys.argv[2]) if len(sys.argv) > 2 else 10), (int(sys.argv[3]) if len(sys.argv) > 3 else 1)
+LOW, HIGH = map(float, sys.argv[4:6]) if len(sys.argv) > 5 else (0.6, 1.4)
 PROJECT = (pathlib.Path(__file__).resolve().parent.parent / "examples" / "beam" / "quick.toml").read_text()
 TRUTH = "truth = { Y0 = 1.0, Ad = 1.0 }"
 NOISE, STEPS = 1e-6, 100
@@ -117,7 +119,7 @@ def right_within(claim, true, least):
 
 def main():
     draw = random.Random(SEED)
-    truths = [(draw.uniform(0.6, 1.4), draw.uniform(0.6, 1.4)) for _ in range(TRUTHS)]
+    truths = [(draw.uniform(LOW, HIGH), draw.uniform(LOW, HIGH)) for _ in range(TRUTHS)]
     with tempfile.TemporaryDirectory() as made:
         folder = pathlib.Path(made)
         models = []

@@ -167,7 +167,7 @@ Similarity::Similarity(const BeamProblem& problem, std::vector<model::Axis> axes
       nodes_[0].push_back(product(true) + (product(false) - product(true)) * i / (runs - 1));
   }
   for (Index i = 0; i < std::ssize(axes_); ++i)
-    if (i != threshold_ && i != brittleness_ && i != modulus_) nodes_.push_back(axes_[i].nodes);
+    if (!is_scaled(i)) nodes_.push_back(axes_[i].nodes);
 }
 
 std::vector<double> Similarity::invariants(std::span<const double> parameters) const {
@@ -175,7 +175,7 @@ std::vector<double> Similarity::invariants(std::span<const double> parameters) c
   if (threshold_ >= 0)
     q.push_back(std::log(parameters[threshold_]) + brittleness_power_ * std::log(parameters[brittleness_]));
   for (Index i = 0; i < std::ssize(axes_); ++i)
-    if (i != threshold_ && i != brittleness_ && i != modulus_) q.push_back(parameters[i]);
+    if (!is_scaled(i)) q.push_back(parameters[i]);
   return q;
 }
 
@@ -287,7 +287,7 @@ SolvedGrid solve_similar_grid(const project::Project& project, const std::string
   for (std::size_t i = 0; i < points.size(); ++i) {
     if (std::ranges::binary_search(runs.failed, i)) continue;
     const bool is_new = std::ranges::binary_search(runs.computed, i);
-    report_run({points[i], !is_new, model::read_run(runs.runs[i]).record}, output);
+    report_run({points[i], !is_new, model::read_record(runs.runs[i])}, output);
   }
   output.text(fmt::format("{} full-order runs ({} reused from an earlier call)", points.size(),
                           points.size() - runs.computed.size()));

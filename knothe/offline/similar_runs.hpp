@@ -37,6 +37,10 @@ class Similarity {
   [[nodiscard]] Factors factors(std::span<const double> parameters) const;
 
  private:
+  [[nodiscard]] bool is_scaled(Index axis) const {
+    return axis == threshold_ || axis == brittleness_ || axis == modulus_;
+  }
+
   std::vector<model::Axis> axes_;
   Index threshold_, brittleness_, modulus_;  ///< axes; −1: none, or not scaled
   double brittleness_power_;                 ///< −1 of a fracture energy: A_d ∝ 1 / G_f

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <filesystem>
 #include <sstream>
+#include <utility>
 
 #include "knothe/base/text.hpp"
 #include "knothe/project/option_table.hpp"
@@ -318,11 +319,10 @@ Values parse_values(const std::string& text, const std::string& folder) {
   } catch (const toml::parse_error& error) {
     const int line = error.source().begin.line, column = error.source().begin.column;
     std::string complaint = fmt::format("not valid TOML: {}", error.description());
-    // `data = "D.h5"` and [data.std], for instance.
-    if (complaint.find("redefine existing string") != std::string::npos)
-      complaint +=
-          ": beside further tables write `data = \"FILE\"` as [data] and `file = \"FILE\"`, "
-          "`model = \"FILE\"` as [model] and `separated = \"FILE\"`";
+    for (const auto& [table, key] : {std::pair("data", "file"), std::pair("model", "separated")})
+      if (complaint.find(fmt::format("redefine existing string '{}", table)) != std::string::npos)
+        complaint +=
+            fmt::format(": beside [{0}.…] write `{0} = \"FILE\"` as [{0}] and `{1} = \"FILE\"`", table, key);
     values.complaints.push_back({line, column, complaint});
   }
   return values;

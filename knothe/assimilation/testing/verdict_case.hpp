@@ -52,6 +52,14 @@ struct Bench {
     for (std::size_t t = 0; t < k_case_times; ++t) times.push_back(t);
   }
 
+  /// What the last sensor measures is a series of this name.
+  void name_last_sensor(const std::string& name) {
+    model::Sensors others;
+    for (std::size_t i = 0; i + 1 < k_case_sensors; ++i) others.add(sensors.point(i), sensors.components[i]);
+    others.scalars = {name};
+    sensors = others;
+  }
+
   /// The verdict after all data.
   [[nodiscard]] Verdict verdict(likelihood::RobustOptions robust = {},
                                 model::ObservedErrors errors = {}) const {

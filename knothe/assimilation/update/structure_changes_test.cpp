@@ -47,6 +47,21 @@ struct Discounted {
   }
 };
 
+/// An update of twelve data beside the closed form: `check(r, exact, increment)` after each step, where the
+/// data before count with the power that `power_before` says.
+template <class Power, class Check>
+void beside_the_closed_form(SequentialUpdate& update, const model::ObservedModel& model,
+                            const Eigen::MatrixXd& data, const Power& power_before, const Check& check) {
+  Discounted exact;
+  for (std::size_t t = 0; t < 12; ++t) {
+    const auto i = static_cast<Eigen::Index>(t);
+    const UpdateResult& r = update.update(t, t, data.col(i));
+    if (t > 0) exact.raise(power_before(t));
+    SCOPED_TRACE(t);
+    check(r, exact, exact.assimilate(model.space * model.core[t], data.col(i) - model.lift.col(i)));
+  }
+}
+
 TEST(ChangingStructure, ForgettingIsTheDiscountedGaussianInClosedForm) {
   const auto model =
       likelihood::test::random_model(std::make_shared<likelihood::test::LinearFunctions>(2), 5, 3, 12, 4);
@@ -55,19 +70,15 @@ TEST(ChangingStructure, ForgettingIsTheDiscountedGaussianInClosedForm) {
     UpdateOptions options;
     options.forgetting = power;
     SequentialUpdate update(model, likelihood::NoiseModel::independent(k_std), priors(), options);
-    Discounted exact;
     double log_evidence = 0;
-    for (std::size_t t = 0; t < 12; ++t) {
-      const auto i = static_cast<Eigen::Index>(t);
-      const UpdateResult& r = update.update(t, t, data.col(i));
-      if (t > 0) exact.raise(power);
-      const double increment =
-          exact.assimilate(model->space * model->core[t], data.col(i) - model->lift.col(i));
-      log_evidence += increment;
-      EXPECT_LT((r.mean - exact.mean()).norm(), 1e-8);
-      EXPECT_NEAR(r.log_evidence_increment, increment, 1e-7) << t;
-      EXPECT_NEAR(r.log_evidence, log_evidence, 1e-6);
-    }
+    beside_the_closed_form(
+        update, *model, data, [&](std::size_t) { return power; },
+        [&](const UpdateResult& r, const Discounted& exact, double increment) {
+          log_evidence += increment;
+          EXPECT_LT((r.mean - exact.mean()).norm(), 1e-8);
+          EXPECT_NEAR(r.log_evidence_increment, increment, 1e-7);
+          EXPECT_NEAR(r.log_evidence, log_evidence, 1e-6);
+        });
   }
 }
 
@@ -86,18 +97,16 @@ TEST(ChangingStructure, FiltersAndComposedMapsForgetAsTheClosedFormDoes) {
     options.change_points = {7};
     if (kind == Method::transport) options.form = UpdateOptions::Form::composed;
     SequentialUpdate update(model, likelihood::NoiseModel::independent(k_std), priors(), options);
-    Discounted exact;
     double log_evidence = 0;
-    for (std::size_t t = 0; t < 12; ++t) {
-      const auto i = static_cast<Eigen::Index>(t);
-      const UpdateResult& r = update.update(t, t, data.col(i));
-      if (t > 0) exact.raise(t == 7 ? 0 : 0.8);
-      log_evidence += exact.assimilate(model->space * model->core[t], data.col(i) - model->lift.col(i));
-      const Eigen::MatrixXd covariance = exact.precision.inverse();
-      EXPECT_LT((r.mean - exact.mean()).norm(), 1e-6) << t;
-      EXPECT_LT((r.covariance - covariance).norm(), 1e-5 * covariance.norm()) << t;
-      EXPECT_NEAR(r.log_evidence, log_evidence, 1e-6) << t;
-    }
+    beside_the_closed_form(
+        update, *model, data, [](std::size_t t) { return t == 7 ? 0 : 0.8; },
+        [&](const UpdateResult& r, const Discounted& exact, double increment) {
+          log_evidence += increment;
+          const Eigen::MatrixXd covariance = exact.precision.inverse();
+          EXPECT_LT((r.mean - exact.mean()).norm(), 1e-6);
+          EXPECT_LT((r.covariance - covariance).norm(), 1e-5 * covariance.norm());
+          EXPECT_NEAR(r.log_evidence, log_evidence, 1e-6);
+        });
     // A step that comes late: as if all had come in order.
     const Eigen::VectorXd mean = update.result().mean;
     update.remove(9);

@@ -127,7 +127,6 @@ StudentUpdate::StudentUpdate(std::shared_ptr<const model::ObservedModel> model,
     : model_(std::move(model)),
       transform_(likelihood::truncated_to_box(*model_, std::move(priors))),
       central_(functions_at_medians(*model_, *transform_)),
-      degrees_(degrees),
       likelihood_(model_, central_, degrees),
       kind_(options.kind),
       solver_(*model_, transform_, central_, of_all_data(options)),
@@ -225,7 +224,7 @@ void StudentUpdate::forget(std::size_t step) {
 }
 
 void StudentUpdate::restart() {
-  likelihood_ = likelihood::StudentLikelihood(model_, central_, degrees_);
+  likelihood_.raise(0);
   supervision_.restart();
   functions_ = supervision_.functions();
   changes_.restart();

@@ -67,7 +67,6 @@ class StudentUpdate {
   std::shared_ptr<const model::ObservedModel> model_;
   std::shared_ptr<const posterior::PriorTransform> transform_;
   Eigen::VectorXd central_;  ///< w₀
-  double degrees_;
   likelihood::StudentLikelihood likelihood_;
   posterior::Method kind_;
   PosteriorSolver solver_;

@@ -276,11 +276,7 @@ TEST(Verdict, SaysWhereAForceAndTheDisplacementsAskForDifferentParameters) {
   int named = 0, contradicted = 0;
   for (unsigned seed = 1; seed <= 20; ++seed) {
     Bench bench(seed);
-    model::Sensors sensors;
-    for (std::size_t i = 0; i + 1 < k_case_sensors; ++i)
-      sensors.add(bench.sensors.point(i), bench.sensors.components[i]);
-    sensors.scalars = {"force"};
-    bench.sensors = sensors;
+    bench.name_last_sensor("force");
     VectorXd std = VectorXd::Constant(k_case_sensors, 0.1);
     std[k_case_sensors - 1] = 0.01;
     bench.noise = likelihood::NoiseModel::independent(std);
@@ -407,11 +403,7 @@ void expect_nothing_rejected_and_the_same_posterior(const Bench& bench) {
 TEST(Verdict, WithAGateAnErrorThatLastsIsNoOutlier) {
   for (unsigned seed = 1; seed <= 8; ++seed) {
     Bench bench(seed);
-    model::Sensors sensors;
-    for (std::size_t i = 0; i + 1 < k_case_sensors; ++i)
-      sensors.add(bench.sensors.point(i), bench.sensors.components[i]);
-    sensors.scalars = {"force"};
-    bench.sensors = sensors;
+    bench.name_last_sensor("force");
     std::vector<MatrixXd> factors;
     for (Index t = 0; t < k_case_times; ++t)
       factors.emplace_back(VectorXd::Unit(k_case_sensors, k_case_sensors - 1) * (5 + 0.1 * double(t)));

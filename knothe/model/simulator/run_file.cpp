@@ -31,16 +31,20 @@ bool is_there(const Run& run) {
   }
 }
 
-FinishedRun read_run(const Run& run) {
-  FinishedRun finished{read_solution(run.file), {}};
+RunRecord read_record(const Run& run) {
+  RunRecord record;
   const files::Hdf5Reader file(run.file);
   if (file.has("/record"))
     for (const std::string& name : file.members("/record"))
-      finished.record.numbers[name] = file.read("/record/" + name, files::Shape{1})[0];
+      record.numbers[name] = file.read("/record/" + name, files::Shape{1})[0];
   if (file.has("/steps_without_equilibrium"))
     for (const std::int64_t step : file.read_integers("/steps_without_equilibrium"))
-      finished.record.steps_without_equilibrium.push_back(step);
-  return finished;
+      record.steps_without_equilibrium.push_back(step);
+  return record;
+}
+
+FinishedRun read_run(const Run& run) {
+  return {read_solution(run.file), read_record(run)};
 }
 
 }  // namespace knothe::model

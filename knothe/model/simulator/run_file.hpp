@@ -21,6 +21,9 @@ void write_run(const Run& run, const Snapshots& solution, const RunRecord& recor
 /// Whether the file is there, readable, and of this very run.
 [[nodiscard]] bool is_there(const Run& run);
 
+/// How it went, without its solution. DataError if it is none.
+[[nodiscard]] RunRecord read_record(const Run& run);
+
 struct FinishedRun {
   Snapshots solution;
   RunRecord record;
