@@ -26,7 +26,7 @@ struct VerdictOptions {
   /// How steeply a marginal falls from an edge of the box (`edge_pressure`): 0.65 for a normal
   /// density whose mean is a standard deviation beyond it, 0.69 for one that falls exponentially.
   double edge_caution = 0.672, edge_reject = 0.68;
-  double outside_caution = 2e-3;  ///< probability of a truth inside the box (`probability_inside`)
+  double outside_caution = 2e-4;  ///< probability of a truth inside the box (`probability_inside`)
   double rejected_values = 0.1;   ///< share of a datum's values
   std::size_t examined = 128;     ///< data whose residuals are looked at: the last
 };

@@ -56,10 +56,10 @@ class WayFromEdge {
   std::vector<double> distance_ = {0}, share_ = {0};
 };
 
-/// Of the half of the mass next to an edge, the share in the nearer half of the way, at least: 0.56 for a
-/// normal density whose mean is a standard deviation beyond the edge, 0.55 for half of one, 0.59 for one that
-/// only falls.
-constexpr double k_half_next_to_it = 0.55;
+/// Of the half of the mass next to an edge, the share in the nearer half of the way, at least: 0.55 for a
+/// normal density whose mean is half a standard deviation beyond the edge, 0.56 for a whole one, 0.59 for one
+/// that only falls. More is asked of a density that is pressed like one of two standard deviations and more.
+constexpr double k_half_next_to_it = 0.55, k_half_of_steep = 0.565, k_steep = 0.672;
 
 }  // namespace
 
@@ -68,7 +68,8 @@ double edge_pressure(const posterior::Posterior& posterior, Index a, double edge
   if (std::abs(posterior.mean[a] - edge) > 2.5 * std::sqrt(posterior.covariance(a, a))) return 0;
   const WayFromEdge way(posterior, a, edge);
   const auto nearer = [&](double share) { return way.share_within(0.5 * way.reach(share)) / share; };
-  return nearer(0.5) < k_half_next_to_it ? 0 : nearer(0.8);
+  const double pressure = nearer(0.8);
+  return nearer(0.5) < (pressure < k_steep ? k_half_next_to_it : k_half_of_steep) ? 0 : pressure;
 }
 
 /// The mean of the data, c standard deviations s beyond the edge, is N(truth, s²): of truths on both sides of
