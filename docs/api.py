@@ -14,7 +14,7 @@ from docutils.parsers.rst import Directive
 SOURCE = pathlib.Path(__file__).resolve().parent.parent
 HEADERS = ["knothe.hpp", "base/error.hpp", "library/posterior.hpp", "library/transport_map.hpp", "library/assimilation.hpp",
            "library/correlation.hpp"]
-RESULTS = ("Posterior", "InferenceResult", "Forecast", "Verdict", "Reason", "Displacements", "Results")
+RESULTS = ("Posterior", "InferenceResult", "Forecast", "Verdict", "Reason", "Decision", "Displacements", "Results")
 # The text after `@file` would be the name of a file for Doxygen.
 DOXYGEN = """
 INPUT = {headers}

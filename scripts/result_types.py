@@ -26,7 +26,8 @@ def typescript(schemas):
     for name, schema in schemas["step"]["properties"].items():
         if "description" in schema:
             lines.append(f"  /** {schema['description'][0].upper()}{schema['description'][1:]}. */")
-        lines.append(f"  {name}: {type_of(schema, 'typescript')};")
+        optional = "" if name in schemas["step"]["required"] else "?"
+        lines.append(f"  {name}{optional}: {type_of(schema, 'typescript')};")
     return "\n".join([*lines, "}", ""])
 
 

@@ -49,4 +49,5 @@ export interface StepFields {
   forecast: Record<string, unknown>;
   /** Mean and std of each parameter in physical units. */
   physical: Record<string, unknown>;
+  decision?: Record<string, unknown>;
 }

@@ -138,6 +138,7 @@ FileCheck check_files(const Project& project) {
   if (fields) check.facts = measure_fields(project, load_model(project).contents()).read;
   const UpdateSetup setup = set_up(project);
   (void)make_forecaster(project, setup);
+  (void)make_decider(project, setup);
   if (!project.serve.limits.empty()) (void)serve_limits(project, setup);
   check.facts.push_back(fmt::format("model: {}, {}, {}",
                                     counted(setup.problem.model->parameters.size(), "parameter"),

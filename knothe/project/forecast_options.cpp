@@ -43,6 +43,28 @@ const Section<F>& forecast_section() {
   return k_section;
 }
 
+using D = assimilation::DecisionOptions;
+
+const Section<D>& decide_section() {
+  static const Section<D> k_section(
+      "decide", "After each datum the next action: load, hold or stop (docs/explanation/decisions.md).",
+      [](Section<D>& s) {
+        s.add("failure", &D::failure,
+              "Forecast whose quantity beyond its threshold is failure; its horizon means nothing here.",
+              required);
+        s.add("risk", &D::risk, "Largest probability that the whole test ends in failure.", between(0, 1));
+        s.add("about", &D::about,
+              "What to learn about: a parameter or a forecast (at its horizon); without it all parameters.");
+        s.add("increments", &D::increments,
+              "Increments of model time to choose among; without them any later time of the model.",
+              of_shape("a list of positive numbers"), no_default);
+        s.add("end", &D::end, "Model time beyond which there is no load; without it the model's last.");
+        s.add("cost", &D::cost, "What a measurement costs, in nats: one that tells less is not made.",
+              non_negative);
+      });
+  return k_section;
+}
+
 F read_forecast(Values& values, const std::string& name) {
   F f = forecast_section().read(values, name);
   f.name = name;
@@ -62,6 +84,7 @@ F read_forecast(Values& values, const std::string& name) {
 std::vector<Option> forecast_option_table() {
   std::vector<Option> table = Section<F>("forecast", "One table per quantity of interest.").options();
   table.insert(table.end(), forecast_section().options().begin(), forecast_section().options().end());
+  table.insert(table.end(), decide_section().options().begin(), decide_section().options().end());
   return table;
 }
 
@@ -70,6 +93,14 @@ std::vector<F> read_forecasts(Values& values) {
   for (const std::string& name : values.children_of("forecast"))
     forecasts.push_back(read_forecast(values, name));
   return forecasts;
+}
+
+D read_decide(Values& values) {
+  D options = decide_section().read(values);
+  for (const double increment : options.increments)
+    if (!(increment > 0))
+      values.complain("decide.increments", "decide.increments must be positive: more model time");
+  return options;
 }
 
 }  // namespace knothe::project

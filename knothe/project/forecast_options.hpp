@@ -2,7 +2,8 @@
 /// @file The tables [forecast.NAME] of a project file. Private to this room.
 #include <vector>
 
-#include "knothe/assimilation/forecast/forecaster.hpp"
+#include "knothe/assimilation/decide/decision.hpp"
+#include "knothe/assimilation/forecast/forecast_specification.hpp"
 
 namespace knothe::project {
 
@@ -10,5 +11,8 @@ struct Values;
 
 /// All of them; complains of what they lack.
 [[nodiscard]] std::vector<assimilation::ForecastSpecification> read_forecasts(Values& values);
+
+/// The table [decide].
+[[nodiscard]] assimilation::DecisionOptions read_decide(Values& values);
 
 }  // namespace knothe::project

@@ -40,6 +40,7 @@ assimilation::EngineSetup engine_setup(const Project& project, const UpdateSetup
   assimilation::EngineSetup engine;
   static_cast<assimilation::Problem&>(engine) = setup.problem;
   engine.forecaster = make_forecaster(project, setup);
+  engine.decider = make_decider(project, setup);
   engine.scores = forecasts_to_score(project, setup);
   // A node on a crack is no sensor that fell silent, nor is a camera's drift.
   engine.sensors = setup.measurements.sensors;

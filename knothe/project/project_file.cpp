@@ -103,6 +103,7 @@ Project parse_project(const std::string& text, const std::string& path) {
   if (values.has_table("simulate")) project.simulate = read_simulate(values);
   project.select = read_select(values);
   project.forecasts = read_forecasts(values);
+  if (values.has_table("decide")) project.decide = read_decide(values);
   project.serve = read_serve(values, path);
   read_sources(values, project);
   if (!values.complaints.empty()) throw_complaints(values.complaints, path);

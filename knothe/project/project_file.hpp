@@ -6,7 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "knothe/assimilation/forecast/forecaster.hpp"
+#include "knothe/assimilation/decide/decision.hpp"
+#include "knothe/assimilation/forecast/forecast_specification.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/model/observe/scalar_observations.hpp"
 #include "knothe/posterior/prior/prior.hpp"
@@ -64,6 +65,7 @@ struct Project {
   FieldOptions fields;      ///< [data.fields]
   SelectOptions select;
   std::vector<assimilation::ForecastSpecification> forecasts;
+  std::optional<assimilation::DecisionOptions> decide;
   ServeOptions serve;
 
   /// Line and column of every table and key of the file, by its path ("parameters.Y0").

@@ -245,14 +245,41 @@ UpdateSetup set_up_online(const Project& project) {
   return set_up(project, features, project.serve.takes_pictures());
 }
 
-assimilation::Forecaster make_forecaster(const Project& project, const UpdateSetup& setup) {
+namespace {
+
+/// Messages of forecasts and decisions begin with their table, "[forecast.NAME]": at its place in the file.
+template <class Make>
+auto at_its_table(const Project& project, const char* otherwise, const Make& make) {
   try {
-    return {setup.model, setup.measurements.sensors, project.forecasts};
+    return make();
   } catch (const ProjectError& error) {
-    // The forecaster's messages begin with their table, "[forecast.NAME]".
     const std::string text = error.what();
-    throw project.error_at(text.starts_with("[") ? text.substr(1, text.find(']') - 1) : "forecast", text);
+    throw project.error_at(text.starts_with("[") ? text.substr(1, text.find(']') - 1) : otherwise, text);
   }
+}
+
+/// The model at the sensors at its own times, whatever the times of the data.
+std::shared_ptr<const model::ObservedModel> at_own_times(const Project& project, const UpdateSetup& setup) {
+  if (setup.problem.model->time == setup.model.contents().time) return setup.problem.model;
+  const model::Sensors& sensors = setup.measurements.sensors;
+  return std::make_shared<const model::ObservedModel>(model::with_scalars(
+      model::observe(setup.model, sensors), setup.model, sensors_of(project, setup.measurements)));
+}
+
+}  // namespace
+
+assimilation::Forecaster make_forecaster(const Project& project, const UpdateSetup& setup) {
+  return at_its_table(project, "forecast", [&] {
+    return assimilation::Forecaster(setup.model, setup.measurements.sensors, project.forecasts);
+  });
+}
+
+std::optional<assimilation::Decider> make_decider(const Project& project, const UpdateSetup& setup) {
+  if (!project.decide) return std::nullopt;
+  return at_its_table(project, "decide", [&]() -> std::optional<assimilation::Decider> {
+    return assimilation::Decider(setup.model, at_own_times(project, setup), setup.measurements.sensors,
+                                 setup.measurements.noise.measurement(), project.forecasts, *project.decide);
+  });
 }
 
 likelihood::PlausibleRange serve_limits(const Project& project, const UpdateSetup& setup) {

@@ -6,6 +6,8 @@
 #include <span>
 #include <vector>
 
+#include "knothe/assimilation/decide/decider.hpp"
+#include "knothe/assimilation/forecast/forecaster.hpp"
 #include "knothe/assimilation/update/problem.hpp"
 #include "knothe/likelihood/data/measurements.hpp"
 #include "knothe/likelihood/data/plausible_range.hpp"
@@ -47,6 +49,10 @@ struct UpdateSetup {
 /// The forecasts that the project asks for. ProjectError, at the table of the forecast, where the file is to
 /// blame; DataError for what the model lacks.
 [[nodiscard]] assimilation::Forecaster make_forecaster(const Project& project, const UpdateSetup& setup);
+
+/// What decides on the next action, where the project asks for it. Errors likewise.
+[[nodiscard]] std::optional<assimilation::Decider> make_decider(const Project& project,
+                                                                const UpdateSetup& setup);
 
 /// Which values the service takes for measurements: from [serve.limits], and the model where that says
 /// nothing. ProjectError where it names a series that is not measured.

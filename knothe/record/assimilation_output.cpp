@@ -72,6 +72,7 @@ void AssimilationOutput::show(const assimilation::StepResult& result,
   run_.add(result.update.verdict);
   models_ = result.models;
   forecasts_ = result.forecasts;
+  decision_ = result.decision;
   if (picture && picture->picture.missing) tell(picture->picture.message);
   tell_sensors(result);
   if (json_) print_record(result, picture, pictures);
@@ -79,7 +80,9 @@ void AssimilationOutput::show(const assimilation::StepResult& result,
     tell(fmt::format("step {}: {}", result.update.step, result.update.notice));
   const double picture_us = picture ? picture->correlation_us + picture->precision_us : 0;
   tell_verdict(result.update);
-  if (!json_) print_text(result, picture_us + result.update.elapsed_us.total() + result.forecast_us);
+  if (!json_)
+    print_text(result,
+               picture_us + result.update.elapsed_us.total() + result.forecast_us + result.decision_us);
 }
 
 /// A line that stays, in place of the one that is shown meanwhile.
@@ -129,6 +132,7 @@ void AssimilationOutput::print_text(const assimilation::StepResult& result, doub
     text +=
         fmt::format("  {} {}", first.name, value_text(first.forecast.mean, first.forecast.std, first.units));
   }
+  if (result.decision) text += fmt::format("  next: {}", action_text(*result.decision));
   text += fmt::format("  {:.0f} µs", total_us);
   if (r.verdict.level != assimilation::VerdictLevel::ok)
     text += fmt::format("  {}", to_text(r.verdict.level));
@@ -181,6 +185,9 @@ void AssimilationOutput::finish(double elapsed_s, const std::string& results_fol
   for (const assimilation::NamedForecast& forecast : forecasts_)
     fmt::print("{}\n", for_people(forecast_text(forecast, loading), stdout, 2));
   if (!models_.empty()) fmt::print("{}\n", assimilation::comparison_text(models_));
+  if (decision_)
+    fmt::print("{}\n", for_people(fmt::format("next: {}: {}", action_text(*decision_), decision_->message),
+                                  stdout, 2));
   tell_largest_shift();
   fmt::print("{}\n", for_people(shown_verdict(verdict(), stdout), stdout, 2));
 }

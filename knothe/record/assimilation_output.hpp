@@ -57,6 +57,7 @@ class AssimilationOutput {
   std::set<Eigen::Index> told_;  ///< sensors that stopped
   std::vector<assimilation::ComparedModel> models_;
   std::vector<assimilation::NamedForecast> forecasts_;  ///< of the last step
+  std::optional<assimilation::Decision> decision_;      ///< likewise
   std::vector<assimilation::InputShift> shifts_;
 };
 

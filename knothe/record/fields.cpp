@@ -146,6 +146,21 @@ Json verdict_schema() {
                        {"level", "reasons"});
 }
 
+Json decision_schema() {
+  const Json words = {{"type", "string"}};
+  return object_schema(
+      {{"action", {{"type", "string"}, {"enum", {"load", "hold", "stop"}}}},
+       {"time", number_schema()},
+       {"information", number_schema()},
+       {"failure_probability", number_schema()},
+       {"allowed_probability", number_schema()},
+       {"furthest", number_schema()},
+       {"message", words},
+       {"load", number_schema()},
+       {"units", words}},
+      {"action", "time", "information", "failure_probability", "allowed_probability", "furthest", "message"});
+}
+
 }  // namespace
 
 std::span<const Field<UpdateResult>> step_fields() {
@@ -259,6 +274,7 @@ void read_fields(const JsonObject& line, UpdateResult& step, std::vector<double>
 Json line_schemas() {
   Json step = schema_of(step_fields());
   step["properties"]["verdict"] = verdict_schema();
+  step["properties"]["decision"] = decision_schema();
   return {
       {"step", std::move(step)}, {"inference", schema_of(inference_fields())}, {"verdict", verdict_schema()}};
 }

@@ -67,4 +67,10 @@ std::string forecast_text(const assimilation::NamedForecast& named,
   return text;
 }
 
+std::string action_text(const assimilation::Decision& decision) {
+  if (decision.action != assimilation::Action::load) return std::string(to_text(decision.action));
+  return "load to " +
+         (decision.load ? given_text(*decision.load, decision.load_units) : "time " + plain(decision.time));
+}
+
 }  // namespace knothe::record

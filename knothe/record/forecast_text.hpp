@@ -3,6 +3,7 @@
 #include <optional>
 #include <string>
 
+#include "knothe/assimilation/decide/decision.hpp"
 #include "knothe/assimilation/forecast/forecaster.hpp"
 #include "knothe/model/reduced/loading.hpp"
 
@@ -24,5 +25,8 @@ namespace knothe::record {
 /// A forecast with its horizon, its 95 % interval, and the probabilities on either side of its threshold.
 [[nodiscard]] std::string forecast_text(const assimilation::NamedForecast& forecast,
                                         const std::optional<model::Loading>& loading);
+
+/// "load to 0.124 mm", "hold", "stop".
+[[nodiscard]] std::string action_text(const assimilation::Decision& decision);
 
 }  // namespace knothe::record

@@ -67,6 +67,19 @@ Json model_records(const std::vector<assimilation::ComparedModel>& models) {
   return records;
 }
 
+/// What to do next. `load` and `units` where the model knows what is imposed.
+Json decision_record(const assimilation::Decision& decision) {
+  Json record = {{"action", to_text(decision.action)},
+                 {"time", decision.time},
+                 {"information", decision.information},
+                 {"failure_probability", decision.failure_probability},
+                 {"allowed_probability", decision.allowed_probability},
+                 {"furthest", decision.furthest},
+                 {"message", decision.message}};
+  if (decision.load) record["load"] = *decision.load, record["units"] = decision.load_units;
+  return record;
+}
+
 }  // namespace
 
 Json verdict_record(const assimilation::Verdict& verdict) {
@@ -116,6 +129,10 @@ Json step_record(const assimilation::StepResult& result, std::span<const model::
                          {"smoothed_increment", r.monitor.smoothed_increment},
                          {"discrepancy", r.monitor.discrepancy}};
   if (result.model_version > 0) record["model_version"] = result.model_version;
+  if (result.decision) {
+    record["decision"] = decision_record(*result.decision);
+    record["elapsed_us"]["decision"] = result.decision_us;
+  }
   if (result.sensors) record["sensors"] = sensor_record(*result.sensors);
   if (!result.stuck.empty()) record["stuck"] = result.stuck;
   if (!result.absent.empty()) record["absent"] = result.absent;

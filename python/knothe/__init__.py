@@ -42,7 +42,7 @@ from knothe._maps import Fit, TransportMap, fit, fit_samples
 from knothe._models import Model, ObservedModel, offline
 from knothe._pictures import Correlation, Displacements, read_picture
 from knothe._population import Population, population
-from knothe._posterior import Forecast, Posterior, Reason, Verdict
+from knothe._posterior import Decision, Forecast, Posterior, Reason, Verdict
 from knothe._results import Results, open_results
 from knothe._twin import Datum, StepResult, Twin
 from knothe._values import Axis, Lognormal, Normal, PosteriorOf, Precision, Prior, Sensors, Uniform
@@ -60,7 +60,7 @@ def __dir__() -> list[str]:
 
 
 __all__ = [
-    "Axis", "Correlation", "DataError", "Datum", "Displacements", "Error", "Fit", "Forecast", "InferenceResult", "Interrupted",
+    "Axis", "Correlation", "DataError", "Datum", "Decision", "Displacements", "Error", "Fit", "Forecast", "InferenceResult", "Interrupted",
     "IoError", "Lognormal", "Model", "Normal", "NumericalError", "ObservedModel", "Population", "Posterior", "PosteriorOf",
     "Precision", "Prior",
     "ProjectError", "Reason", "Results", "Sensors", "StepResult", "TransportMap", "Twin", "Uniform", "UntrustedWarning", "UsageError",

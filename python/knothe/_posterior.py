@@ -107,6 +107,47 @@ class Verdict(ByValue):
         return _notebook.verdict_line(self.level) + (_notebook.table("Reasons", ("level", "what", "why"), reasons) if reasons else "")
 
 
+@dataclass(frozen=True)
+class Decision:
+    """What to do next with the specimen: of a project with a table ``[decide]``.
+
+    Attributes
+    ----------
+    action : str
+        ``load``: on to ``time``, and measure there; ``hold``: measure again at the present load; ``stop``.
+    time : float
+        Model time to load to; the present one if there is no load.
+    information : float
+        Expected from the next measurement, nats.
+    failure_probability : float
+        That the specimen fails by ``time``.
+    allowed_probability : float
+        The largest for this action.
+    furthest : float
+        The largest model time that the risk allows now.
+    message : str
+        Why.
+    load : float or None
+        What is imposed at ``time``, in ``units``, where the model knows it.
+    units : str or None
+
+    Examples
+    --------
+    >>> result.decision is None  # the project does not ask
+    True
+    """
+
+    action: str
+    time: float
+    information: float
+    failure_probability: float
+    allowed_probability: float
+    furthest: float
+    message: str
+    load: float | None = None
+    units: str | None = None
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Forecast(ByValue):
     """The forecast of one quantity of interest.

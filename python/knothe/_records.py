@@ -31,6 +31,7 @@ class StepRecord(TypedDict, total=False):
     elapsed_us: dict[str, Any]
     forecast: dict[str, Any]
     physical: dict[str, Any]
+    decision: dict[str, Any]
 
 
 class InferenceRecord(TypedDict, total=False):

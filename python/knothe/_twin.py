@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from knothe import _knothe, _notebook
 from knothe._errors import UsageError, warned
 from knothe._models import Model, _at_points
-from knothe._posterior import Forecast, Posterior, Verdict
+from knothe._posterior import Decision, Forecast, Posterior, Verdict
 from knothe._records import StepRecord
 from knothe._results import groups_of
 from knothe._values import (Array, OfNative, Prior, Seed, Sensors, counted, measured_values, noise_values, prior_values,
@@ -177,6 +177,17 @@ class StepResult(OfNative, Posterior):
         'ok'
         """
         return Verdict.of(self.record["verdict"])
+
+    @property
+    def decision(self) -> Decision | None:
+        """What to do next; None if the project has no table ``[decide]``.
+
+        Examples
+        --------
+        >>> result.decision is None
+        True
+        """
+        return Decision(**self.record["decision"]) if "decision" in self.record else None
 
     @property
     def forecast(self) -> dict[str, Forecast]:

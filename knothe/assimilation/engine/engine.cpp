@@ -111,6 +111,7 @@ StepResult Engine::posterior_at(std::size_t step) {
     result.bias = update->bias();
   setup_.scores.add_posterior(step, result.update.time, result.update.points, result.update.weights);
   assess(step, result);
+  if (setup_.decider) decide(result);
   return result;
 }
 
@@ -186,6 +187,21 @@ void Engine::assess(std::size_t step, StepResult& result) {
   }
   result.update.verdict = assessor_.assess(posterior, data);
   result.update.elapsed_us.verdict = microseconds_since(start);
+}
+
+/// What to do next; where that cannot be told, the answer stays and the specimen is held.
+void Engine::decide(StepResult& result) {
+  const auto start = monotonic_now();
+  try {
+    result.decision = setup_.decider->decide(result.update);
+  } catch (const NumericalError& error) {
+    Decision held;
+    held.action = Action::hold;
+    held.time = held.furthest = result.update.time;
+    held.message = error.what();
+    result.decision = std::move(held);
+  }
+  result.decision_us = microseconds_since(start);
 }
 
 void Engine::compare_models(std::size_t step, StepResult& result) {

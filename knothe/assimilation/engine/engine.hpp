@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/assimilation/decide/decider.hpp"
 #include "knothe/assimilation/engine/input_errors.hpp"
 #include "knothe/assimilation/engine/method.hpp"
 #include "knothe/assimilation/engine/step_result.hpp"
@@ -20,6 +21,7 @@ struct CandidateModel;
 /// makes it from a project file.
 struct EngineSetup : Problem {
   std::optional<Forecaster> forecaster;
+  std::optional<Decider> decider;
   ForecastScores scores;                   ///< forecasts to be scored when they come true
   bool watches_sensors = false;            ///< tells sensors that are stuck or silent
   model::Sensors sensors;                  ///< places and names for the verdict; may be empty
@@ -102,6 +104,7 @@ class Engine {
   void compare_models(std::size_t step, StepResult& result);
   [[nodiscard]] std::span<const likelihood::DatumPointer> data_up_to(std::size_t step);
   void assess(std::size_t step, StepResult& result);
+  void decide(StepResult& result);
 
   EngineSetup setup_;
   std::vector<posterior::Prior> priors_;

@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "knothe/assimilation/decide/decision.hpp"
 #include "knothe/assimilation/forecast/forecast_scores.hpp"
 #include "knothe/assimilation/forecast/forecaster.hpp"
 #include "knothe/assimilation/monitor/model_selection.hpp"
@@ -19,6 +20,8 @@ struct StepResult {
   std::chrono::system_clock::time_point computed_at;  ///< when: of the wall clock
   std::vector<NamedForecast> forecasts;
   double forecast_us = 0;
+  std::optional<Decision> decision;  ///< what to do next, where the project asks
+  double decision_us = 0;
   /// False for a preview: the steps before have not been monitored yet, and what depends on their order
   /// (monitor, sensors, scores) is not told.
   bool followed = true;

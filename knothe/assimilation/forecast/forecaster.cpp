@@ -1,13 +1,9 @@
 #include "knothe/assimilation/forecast/forecaster.hpp"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 
-#include "knothe/base/error.hpp"
+#include "knothe/assimilation/forecast/forecast_inputs.hpp"
 #include "knothe/base/index.hpp"
-#include "knothe/base/text.hpp"
-#include "knothe/model/observe/observation_operator.hpp"
 #include "knothe/model/observe/observed_model.hpp"
 #include "knothe/model/reduced/spline_functions.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
@@ -15,57 +11,18 @@
 namespace knothe::assimilation {
 namespace {
 
-using model::ObservedModel;
 using model::SeparatedModel;
 using Quantity = ForecastSpecification::Quantity;
 
 constexpr double k_min_discrepancy = 1e-12;  ///< m; where the predicted fields are those of cracks
 constexpr double k_same_time = 1e-9;
 
-LinearPrediction at_step(const ObservedModel& model, std::size_t step) {
-  return {model.lift.col(step), model.space * model.core[step]};
+TimePosition horizon_of(const SeparatedModel& model, const ForecastSpecification& specification) {
+  return locate_horizon(model.contents().time, specification.horizon, specification.name);
 }
 
-LinearPrediction at_horizon(const ObservedModel& model, const ForecastSpecification& specification) {
-  const TimePosition position = locate_horizon(model.time, specification.horizon, specification.name);
+LinearPrediction at_position(const model::ObservedModel& model, const TimePosition& position) {
   return interpolate(position, at_step(model, position.lower), at_step(model, position.upper));
-}
-
-const model::SnapshotOutput& find_output(const SeparatedModel& model, const std::string& name,
-                                         const std::string& wanted_by) {
-  for (const model::SnapshotOutput& output : model.contents().outputs) {
-    if (output.name == name) return output;
-  }
-  const std::vector<std::string> names = model.output_names();
-  throw DataError(fmt::format("{}: forecast.{} needs the model's output \"{}\"{}; it has: {}", model.where(),
-                              wanted_by, name, did_you_mean(name, names), fmt::join(names, ", ")));
-}
-
-/// An output on the parameter grid [n₁, …, n_d] at the horizon.
-std::vector<double> output_at_horizon(const SeparatedModel& model, const model::SnapshotOutput& output,
-                                      const ForecastSpecification& specification) {
-  const std::size_t times = model.contents().time.size();
-  const TimePosition position =
-      locate_horizon(model.contents().time, specification.horizon, specification.name);
-  std::vector<double> at_horizon;
-  for (std::size_t g = 0; g < output.values.size() / times; ++g) {
-    const double* history = output.values.data() + g * times;
-    at_horizon.push_back(position.interpolate(history[position.lower], history[position.upper]));
-  }
-  return at_horizon;
-}
-
-std::vector<std::vector<double>> axis_nodes(const SeparatedModel& model) {
-  std::vector<std::vector<double>> nodes;
-  for (const model::Axis& axis : model.contents().axes) nodes.push_back(axis.nodes);
-  return nodes;
-}
-
-/// Displacement of the load at the horizon, which does not depend on the parameters.
-double imposed_displacement(const SeparatedModel& model, const ForecastSpecification& specification) {
-  return output_at_horizon(model, find_output(model, "imposed_displacement", specification.name),
-                           specification)
-      .front();
 }
 
 /// δ, from few draws: it varies little from one point of a posterior to the next.
@@ -110,42 +67,19 @@ Forecaster::Forecaster(const SeparatedModel& model, const model::Dofs& seen,
 
 void Forecaster::add_crack(const SeparatedModel& model, const model::Dofs& seen,
                            const ForecastSpecification& specification) {
-  const model::CrackSolutions& crack = model.contents().crack;
-  if (crack.empty()) {
-    throw DataError(
-        fmt::format("{}: forecast.{} needs crack solutions, which this model lacks: build it with "
-                    "`knothe offline` and offline.crack_lengths > 0",
-                    model.where(), specification.name));
-  }
-  const Index n_dof = model.dof_count();
-  const auto n_modes = std::ssize(crack.modes) / n_dof;
-  const auto n_lengths = std::ssize(crack.length);
-  const model::ObservationOperator observation(model.contents().dofs, model.contents().mesh, model.where(),
-                                               seen);
-  const Eigen::MatrixXd observed_modes =
-      observation.apply(Eigen::Map<const Eigen::MatrixXd>(crack.modes.data(), n_dof, n_modes));
-  const Eigen::MatrixXd solutions =
-      Eigen::Map<const model::RowMatrix>(crack.coefficients.data(), n_lengths, n_modes) *
-      observed_modes.transpose();
-  CrackBridgeOptions options;
-  options.prior_mean = specification.prior_mean;
-  options.prior_std = specification.prior_std;
-  options.error_std = specification.model_error_std;
-  options.curve = LengthCurve(specification.length_curve);
-  options.threshold =
-      specification.threshold.value_or(specification.prior_mean) - specification.length_offset;
+  CrackMetaModel elastic = elastic_cracks(model, seen, specification.name);
+  const TimePosition position = horizon_of(model, specification);
+  const std::vector<double> imposed = imposed_displacements(model, specification.name);
   cracks_.push_back({specification.name,
-                     CrackBridge(CrackMetaModel(crack.length, solutions),
-                                 at_horizon(model::observe(model, seen), specification),
-                                 imposed_displacement(model, specification), options),
+                     CrackBridge(std::move(elastic), at_position(model::observe(model, seen), position),
+                                 position.interpolate(imposed[position.lower], imposed[position.upper]),
+                                 bridge_options(specification)),
                      specification.length_offset, specification.discrepancy_std});
 }
 
 void Forecaster::add_displacement(const SeparatedModel& model, const ForecastSpecification& specification) {
-  const std::int64_t component = specification.component;
-  const LinearPrediction prediction = at_horizon(
-      model::observe(model, {{specification.point.begin(), specification.point.end()}, {component}}),
-      specification);
+  const LinearPrediction prediction =
+      at_position(observe_point(model, specification), horizon_of(model, specification));
   scalars_.push_back(
       {specification.name, "m",
        QuantityOfInterest(functions_, prediction.lift[0], prediction.modes.row(0).transpose(),
@@ -154,8 +88,13 @@ void Forecaster::add_displacement(const SeparatedModel& model, const ForecastSpe
 
 void Forecaster::add_output(const SeparatedModel& model, const ForecastSpecification& specification) {
   const model::SnapshotOutput& output = find_output(model, specification.output, specification.name);
-  const auto functions = std::make_shared<model::JointFunctions>(
-      axis_nodes(model), output_at_horizon(model, output, specification), 1);
+  const TimePosition position = horizon_of(model, specification);
+  const std::size_t times = model.contents().time.size();
+  std::vector<double> at_horizon;  // on the parameter grid
+  for (std::size_t g = 0; g < output.values.size(); g += times)
+    at_horizon.push_back(
+        position.interpolate(output.values[g + position.lower], output.values[g + position.upper]));
+  const auto functions = std::make_shared<model::JointFunctions>(axis_nodes(model), at_horizon, 1);
   scalars_.push_back(
       {specification.name, output.labels.units,
        QuantityOfInterest(functions, 0.0, Eigen::VectorXd::Ones(1), specification.threshold.value_or(0),

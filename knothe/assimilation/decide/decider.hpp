@@ -1,0 +1,58 @@
+#pragma once
+/// @file Decides from a posterior what to do next (docs/explanation/decisions.md).
+#include <Eigen/Core>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "knothe/assimilation/decide/decision.hpp"
+#include "knothe/assimilation/decide/expected_information.hpp"
+#include "knothe/assimilation/forecast/quantity_history.hpp"
+#include "knothe/assimilation/update/update_result.hpp"
+#include "knothe/likelihood/noise/gaussian_noise.hpp"
+#include "knothe/model/reduced/loading.hpp"
+
+namespace knothe::assimilation {
+
+/// Chooses the action of greatest information less cost among those that the risk allows. A function of the
+/// posterior, its verdict and the present time alone.
+///
+/// Failure by time T has the probability P(T) = P(max of q between now and T > threshold), q with the
+/// forecast's own model error and, where the reduced model's error is known, with that too. An increment may
+/// add the share of `risk` that it is of the whole load; so may all increments of a test together add no more
+/// than `risk`. Under `caution` the posterior of q is widened; under `reject` there is no load.
+class Decider {
+ public:
+  /// `observed`: `model` at the sensors, at its own times; `noise`: of a measurement.
+  /// `forecasts`: those of the project. Errors: ProjectError for options that name what is not there, a
+  /// forecast without threshold, or times outside the model; and as of `QuantityHistory`.
+  Decider(const model::SeparatedModel& model, std::shared_ptr<const model::ObservedModel> observed,
+          const model::Dofs& seen, const likelihood::GaussianNoise& noise,
+          const std::vector<ForecastSpecification>& forecasts, DecisionOptions options);
+
+  /// After the data of a step; `posterior` has its verdict.
+  [[nodiscard]] Decision decide(const UpdateResult& posterior);
+
+ private:
+  [[nodiscard]] std::size_t present(double time) const;
+  [[nodiscard]] std::vector<double> risk_from(const UpdateResult& posterior, const Eigen::MatrixXd& draws,
+                                              std::size_t now) const;
+  [[nodiscard]] double allowed(std::size_t now, std::size_t then, double failed) const;
+  [[nodiscard]] bool is_offered(std::size_t now, std::size_t then) const;
+  [[nodiscard]] Eigen::MatrixXd rows_about(const Eigen::MatrixXd& draws) const;
+  void explain(std::size_t now, const std::vector<double>& risk, Decision& decision) const;
+  void put_load(Decision& decision) const;
+
+  DecisionOptions options_;
+  std::vector<double> time_;  ///< of the model
+  std::size_t end_;           ///< index of the last time to load to
+  ForecastSpecification failure_specification_;
+  QuantityHistory failure_;
+  std::optional<QuantityHistory> learnt_;  ///< the forecast to learn about
+  std::size_t learnt_step_ = 0;            ///< its horizon
+  Eigen::MatrixXd about_;                  ///< the parameters to learn about
+  ExpectedInformation information_;
+  std::optional<model::Loading> loading_;
+};
+
+}  // namespace knothe::assimilation
