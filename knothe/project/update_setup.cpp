@@ -9,6 +9,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/likelihood/data/series_interpolation.hpp"
+#include "knothe/likelihood/step/prior_of_model.hpp"
 #include "knothe/model/reduced/known_parameter.hpp"
 #include "knothe/model/reduced/parameter_order.hpp"
 #include "knothe/model/reduced/truncation_error.hpp"
@@ -277,8 +278,13 @@ assimilation::Forecaster make_forecaster(const Project& project, const UpdateSet
 std::optional<assimilation::Decider> make_decider(const Project& project, const UpdateSetup& setup) {
   if (!project.decide) return std::nullopt;
   return at_its_table(project, "decide", [&]() -> std::optional<assimilation::Decider> {
-    return assimilation::Decider(setup.model, at_own_times(project, setup), setup.measurements.sensors,
-                                 setup.measurements.noise.measurement(), project.forecasts, *project.decide);
+    const auto observed = at_own_times(project, setup);
+    const auto priors = likelihood::truncated_to_box(*observed, setup.problem.priors)->priors();
+    Eigen::VectorXd prior_std(std::ssize(priors));
+    for (Index a = 0; a < prior_std.size(); ++a) prior_std[a] = priors[a].std();
+    return assimilation::Decider(setup.model, observed, setup.measurements.sensors,
+                                 setup.measurements.noise.measurement(), prior_std, project.forecasts,
+                                 *project.decide);
   });
 }
 

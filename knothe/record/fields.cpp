@@ -148,17 +148,17 @@ Json verdict_schema() {
 
 Json decision_schema() {
   const Json words = {{"type", "string"}};
-  return object_schema(
-      {{"action", {{"type", "string"}, {"enum", {"load", "hold", "stop"}}}},
-       {"time", number_schema()},
-       {"information", number_schema()},
-       {"failure_probability", number_schema()},
-       {"allowed_probability", number_schema()},
-       {"furthest", number_schema()},
-       {"message", words},
-       {"load", number_schema()},
-       {"units", words}},
-      {"action", "time", "information", "failure_probability", "allowed_probability", "furthest", "message"});
+  return object_schema({{"action", {{"type", "string"}, {"enum", {"load", "hold", "stop"}}}},
+                        {"time", number_schema()},
+                        {"information", number_schema()},
+                        {"failure_probability", number_schema()},
+                        {"allowed_probability", number_schema()},
+                        {"furthest", number_schema()},
+                        {"message", words},
+                        {"load", number_schema()},
+                        {"units", words}},
+                       {"action", "time", "information", "plan", "failure_probability", "allowed_probability",
+                        "furthest", "message"});
 }
 
 }  // namespace

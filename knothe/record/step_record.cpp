@@ -72,6 +72,7 @@ Json decision_record(const assimilation::Decision& decision) {
   Json record = {{"action", to_text(decision.action)},
                  {"time", decision.time},
                  {"information", decision.information},
+                 {"plan", decision.plan},
                  {"failure_probability", decision.failure_probability},
                  {"allowed_probability", decision.allowed_probability},
                  {"furthest", decision.furthest},

@@ -119,6 +119,8 @@ class Decision:
         Model time to load to; the present one if there is no load.
     information : float
         Expected from the next measurement, nats.
+    plan : list of float
+        Model times of all measurements that are worth making now.
     failure_probability : float
         That the specimen fails by ``time``.
     allowed_probability : float
@@ -140,6 +142,7 @@ class Decision:
     action: str
     time: float
     information: float
+    plan: list[float]
     failure_probability: float
     allowed_probability: float
     furthest: float

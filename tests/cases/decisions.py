@@ -9,7 +9,7 @@ from service_support import ServiceCase, comparable
 from support import read_csv, write_csv
 
 EXAMPLE = pathlib.Path(__file__).resolve().parents[2] / "examples" / "driven_test" / "machine.py"
-KEYS = ["action", "time", "information", "failure_probability", "allowed_probability", "furthest", "message"]
+KEYS = ["action", "time", "information", "plan", "failure_probability", "allowed_probability", "furthest", "message"]
 FAILURE = '[forecast.sag]\nquantity = "displacement"\npoint = [0.03, 0.05, 0.05]\ncomponent = "y"\nhorizon = 1.0\nthreshold = 1e-3\n'
 
 
@@ -24,9 +24,11 @@ class Test(ServiceCase):
         self.assertTrue(all(line["elapsed_us"]["decision"] > 0 for line in lines))
         for before, line in zip(plain, map(comparable, lines)):
             decision = line.pop("decision")
-            self.assertEqual(list(decision)[:7], KEYS)
+            self.assertEqual(list(decision)[:8], KEYS)
             self.assertIn(decision["action"], ("load", "hold", "stop"))
             self.assertGreaterEqual(decision["time"], line["time"] - 1e-12)
+            self.assertEqual(decision["plan"], sorted(decision["plan"]))
+            self.assertEqual(decision["plan"][:1], [decision["time"]] if decision["action"] != "stop" else [])
             self.assertLessEqual(decision["failure_probability"], decision["allowed_probability"])
             line["forecast"].pop("sag")
             self.assertEqual(before, line)  # nothing else has changed

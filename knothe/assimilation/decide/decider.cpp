@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/LU>
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
@@ -44,9 +45,10 @@ const ForecastSpecification& failure_of(const std::vector<ForecastSpecification>
                                    options.failure, did_you_mean(options.failure, names),
                                    names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
   if (!forecast->threshold)
-    throw ProjectError(fmt::format("[decide.failure] forecast.{} needs \"threshold\": beyond it the specimen "
-                                   "counts as failed",
-                                   options.failure));
+    throw ProjectError(
+        fmt::format("[decide.failure] forecast.{} needs \"threshold\": beyond it the specimen "
+                    "counts as failed",
+                    options.failure));
   return *forecast;
 }
 
@@ -78,13 +80,15 @@ Eigen::MatrixXd parameters_about(const std::vector<std::string>& parameters, con
 
 Decider::Decider(const model::SeparatedModel& model, std::shared_ptr<const model::ObservedModel> observed,
                  const model::Dofs& seen, const likelihood::GaussianNoise& noise,
-                 const std::vector<ForecastSpecification>& forecasts, DecisionOptions options)
+                 const Eigen::VectorXd& prior_std, const std::vector<ForecastSpecification>& forecasts,
+                 DecisionOptions options)
     : options_(std::move(options)),
       time_(observed->time),
       end_(time_.size() - 1),
       failure_specification_(failure_of(forecasts, options_)),
       failure_(model, seen, failure_specification_),
       about_(parameters_about(observed->parameters, options_.about)),
+      prior_std_(prior_std),
       information_(std::move(observed), noise),
       loading_(model::loading_of(model, "", std::vector<double>(model.dimension()))) {
   if (options_.end) end_ = locate_horizon(time_, *options_.end, "decide.end").lower;
@@ -93,15 +97,15 @@ Decider::Decider(const model::SeparatedModel& model, std::shared_ptr<const model
   if (forecast == nullptr) {
     std::vector<std::string> names = model.parameter_names();
     for (const std::string& name : forecast_names(forecasts)) names.push_back(name);
-    throw ProjectError(fmt::format("[decide.about] \"{}\" is neither a parameter nor a forecast{}; there are: {}",
-                                   options_.about, did_you_mean(options_.about, names),
-                                   fmt::join(names, ", ")));
+    throw ProjectError(
+        fmt::format("[decide.about] \"{}\" is neither a parameter nor a forecast{}; there are: {}",
+                    options_.about, did_you_mean(options_.about, names), fmt::join(names, ", ")));
   }
   learnt_.emplace(model, seen, *forecast);
   learnt_step_ = locate_horizon(time_, forecast->horizon, forecast->name).upper;
 }
 
-Decision Decider::decide(const UpdateResult& posterior) {
+Decision Decider::decide(const UpdateResult& posterior, const Eigen::MatrixXd& data) {
   Decision decision;
   decision.time = decision.furthest = posterior.time;
   if (posterior.verdict.level == VerdictLevel::reject) {
@@ -113,25 +117,39 @@ Decision Decider::decide(const UpdateResult& posterior) {
   const Eigen::MatrixXd draws = likelihood::equally_likely(posterior.points, posterior.weights);
   const std::size_t now = present(posterior.time);
   const std::vector<double> risk = risk_from(posterior, draws, now);
-  information_.set(draws(Eigen::seqN(0, draws.rows() / k_every_draw, k_every_draw), Eigen::all),
-                   posterior.covariance, rows_about(draws));
-  double best = 0;
+  std::vector<std::size_t> offered;
   for (std::size_t then = now; then < now + risk.size(); ++then) {
     if (risk[then - now] > allowed(now, then, risk[0])) continue;
     decision.furthest = time_[then];
-    if (then != now && !is_offered(now, then)) continue;
-    const double information = information_.at(then);
-    if (information - options_.cost <= best) continue;
-    best = information - options_.cost;
+    if (then == now || is_offered(now, then)) offered.push_back(then);
+  }
+  look_from(posterior, draws, data);
+  const std::vector<PlannedMeasurement> planned = information_.plan(offered, options_.cost);
+  const auto first = std::min_element(planned.begin(), planned.end(),
+                                      [](const auto& a, const auto& b) { return a.step < b.step; });
+  if (first != planned.end()) {
+    const std::size_t then = first->step;
+    for (const PlannedMeasurement& one : planned) decision.plan.push_back(time_[one.step]);
+    std::sort(decision.plan.begin(), decision.plan.end());
     decision.action = then == now ? Action::hold : Action::load;
     decision.time = time_[then];
-    decision.information = information;
+    decision.information = information_.of(then);
     decision.failure_probability = risk[then - now];
     decision.allowed_probability = allowed(now, then, risk[0]);
   }
   explain(now, risk, decision);
   put_load(decision);
   return decision;
+}
+
+/// What is known already, at a few draws.
+void Decider::look_from(const UpdateResult& posterior, const Eigen::MatrixXd& draws,
+                        const Eigen::MatrixXd& data) {
+  const bool by_data = data.rows() == information_.functions();
+  const Eigen::MatrixXd known = by_data ? Eigen::MatrixXd(prior_std_.cwiseAbs2().cwiseInverse().asDiagonal())
+                                        : Eigen::MatrixXd(posterior.covariance.inverse());
+  information_.set(draws(Eigen::seqN(0, draws.rows() / k_every_draw, k_every_draw), Eigen::all), known,
+                   by_data ? data : Eigen::MatrixXd(), rows_about(draws));
 }
 
 /// The model's time at or just before `time`.
@@ -158,9 +176,9 @@ std::vector<double> Decider::risk_from(const UpdateResult& posterior, const Eige
       largest = largest.cwiseMax(values.col(k));
       const double std = std::sqrt((largest.array() - largest.mean()).square().mean());
       // Between the draws the density is that of their kernel.
-      const double width = std::sqrt(std::pow(kernel_width(std, draws.rows()), 2) +
-                                     std::pow(widening * std, 2) +
-                                     std::pow(failure_specification_.model_error_std, 2));
+      const double width =
+          std::sqrt(std::pow(kernel_width(std, draws.rows()), 2) + std::pow(widening * std, 2) +
+                    std::pow(failure_specification_.model_error_std, 2));
       double probability = 0;
       for (const double value : largest)
         probability += width > 0 ? numerics::normal_cdf((value - threshold) / width) : value > threshold;
@@ -171,7 +189,8 @@ std::vector<double> Decider::risk_from(const UpdateResult& posterior, const Eige
   return by;
 }
 
-/// Largest probability of failure by the time `then`, of a specimen that has failed by now with that of `now`.
+/// Largest probability of failure by the time `then`, of a specimen that has failed by now with that of
+/// `now`.
 double Decider::allowed(std::size_t now, std::size_t then, double failed) const {
   const double whole = time_[end_] - time_[0];
   const double share = whole > 0 ? (time_[then] - time_[now]) / whole : 0;
@@ -191,17 +210,18 @@ Eigen::MatrixXd Decider::rows_about(const Eigen::MatrixXd& draws) const {
   if (!learnt_) return about_;
   const Eigen::VectorXd values = learnt_->values(draws, learnt_step_, 1);
   const Eigen::MatrixXd centred = draws.rowwise() - draws.colwise().mean();
-  return centred.colPivHouseholderQr().solve(values.array().matrix() -
-                                             Eigen::VectorXd::Constant(values.size(), values.mean()))
+  return centred.colPivHouseholderQr()
+      .solve(values.array().matrix() - Eigen::VectorXd::Constant(values.size(), values.mean()))
       .transpose();
 }
 
 void Decider::explain(std::size_t now, const std::vector<double>& risk, Decision& decision) const {
   const std::string failure = failure_in_words(failure_specification_, failure_.units());
   if (decision.action != Action::stop) {
-    decision.message = fmt::format("{:.2g} nats are expected; P({}) is {}, {} is allowed",
-                                   decision.information, failure, percent(decision.failure_probability),
-                                   percent(decision.allowed_probability));
+    decision.message =
+        fmt::format("{:.2g} nats are expected, of {} worth making; P({}) is {}, {} is allowed",
+                    decision.information, counted(decision.plan.size(), "measurement"), failure,
+                    percent(decision.failure_probability), percent(decision.allowed_probability));
     return;
   }
   decision.failure_probability = risk[0];
@@ -212,10 +232,10 @@ void Decider::explain(std::size_t now, const std::vector<double>& risk, Decision
   else if (now >= end_)
     decision.message = "the load is at its end, and another measurement tells too little";
   else if (risk.size() > 1 && risk[1] > allowed(now, now + 1, risk[0]))
-    decision.message =
-        fmt::format("P({}) would be {} after the next step of load, {} is allowed; another measurement here "
-                    "tells too little",
-                    failure, percent(risk[1]), percent(allowed(now, now + 1, risk[0])));
+    decision.message = fmt::format(
+        "P({}) would be {} after the next step of load, {} is allowed; another measurement here "
+        "tells too little",
+        failure, percent(risk[1]), percent(allowed(now, now + 1, risk[0])));
   else
     decision.message = fmt::format("no measurement that the risk allows tells {} nats", options_.cost);
 }

@@ -14,8 +14,9 @@
 
 namespace knothe::assimilation {
 
-/// Chooses the action of greatest information less cost among those that the risk allows. A function of the
-/// posterior, its verdict and the present time alone.
+/// Plans the measurements that are worth their cost among those that the risk allows now, and chooses the
+/// first of them: a load that is passed does not come again. A function of the posterior, its verdict and the
+/// present time alone.
 ///
 /// Failure by time T has the probability P(T) = P(max of q between now and T > threshold), q with the
 /// forecast's own model error and, where the reduced model's error is known, with that too. An increment may
@@ -23,15 +24,16 @@ namespace knothe::assimilation {
 /// than `risk`. Under `caution` the posterior of q is widened; under `reject` there is no load.
 class Decider {
  public:
-  /// `observed`: `model` at the sensors, at its own times; `noise`: of a measurement.
+  /// `observed`: `model` at the sensors, at its own times; `noise`: of a measurement; `prior_std`: d;
   /// `forecasts`: those of the project. Errors: ProjectError for options that name what is not there, a
   /// forecast without threshold, or times outside the model; and as of `QuantityHistory`.
   Decider(const model::SeparatedModel& model, std::shared_ptr<const model::ObservedModel> observed,
-          const model::Dofs& seen, const likelihood::GaussianNoise& noise,
+          const model::Dofs& seen, const likelihood::GaussianNoise& noise, const Eigen::VectorXd& prior_std,
           const std::vector<ForecastSpecification>& forecasts, DecisionOptions options);
 
-  /// After the data of a step; `posterior` has its verdict.
-  [[nodiscard]] Decision decide(const UpdateResult& posterior);
+  /// After the data of a step; `posterior` has its verdict. `data`: the sum of their quadratic forms, r × r,
+  /// or empty; then the posterior's covariance stands for what is known everywhere.
+  [[nodiscard]] Decision decide(const UpdateResult& posterior, const Eigen::MatrixXd& data = {});
 
  private:
   [[nodiscard]] std::size_t present(double time) const;
@@ -39,6 +41,7 @@ class Decider {
                                               std::size_t now) const;
   [[nodiscard]] double allowed(std::size_t now, std::size_t then, double failed) const;
   [[nodiscard]] bool is_offered(std::size_t now, std::size_t then) const;
+  void look_from(const UpdateResult& posterior, const Eigen::MatrixXd& draws, const Eigen::MatrixXd& data);
   [[nodiscard]] Eigen::MatrixXd rows_about(const Eigen::MatrixXd& draws) const;
   void explain(std::size_t now, const std::vector<double>& risk, Decision& decision) const;
   void put_load(Decision& decision) const;
@@ -51,6 +54,7 @@ class Decider {
   std::optional<QuantityHistory> learnt_;  ///< the forecast to learn about
   std::size_t learnt_step_ = 0;            ///< its horizon
   Eigen::MatrixXd about_;                  ///< the parameters to learn about
+  Eigen::VectorXd prior_std_;
   ExpectedInformation information_;
   std::optional<model::Loading> loading_;
 };

@@ -4,8 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <cmath>
 #include <functional>
+#include <numeric>
 #include <random>
 
 #include "knothe/base/error.hpp"
@@ -19,6 +21,7 @@ using testing::HasSubstr;
 
 constexpr double k_noise = 0.1, k_threshold = 1.5;
 constexpr int k_times = 20;
+const Eigen::Vector2d k_prior_std(0.2, 0.15);
 
 double time_of(int step) {
   return 0.05 * (step + 1);
@@ -66,9 +69,13 @@ Decider decider(DecisionOptions options, ForecastSpecification wear = wear_forec
   const model::SeparatedModel model = linear_model();
   const auto observed =
       std::make_shared<const model::ObservedModel>(model::observe(model, model.contents().dofs));
-  return {model, observed,
-          model.contents().dofs, likelihood::GaussianNoise::independent(Eigen::Vector2d::Constant(k_noise)),
-          {wear}, std::move(options)};
+  return {model,
+          observed,
+          model.contents().dofs,
+          likelihood::GaussianNoise::independent(Eigen::Vector2d::Constant(k_noise)),
+          k_prior_std,
+          {wear},
+          std::move(options)};
 }
 
 /// N(mean, covariance) at 1,024 points, after a datum of that time.
@@ -76,8 +83,7 @@ UpdateResult normal_posterior(const Eigen::Vector2d& mean, const Eigen::Matrix2d
   static const Eigen::MatrixXd k_standard = numerics::sobol_normal_points(1024, 2, 1);
   const Eigen::Matrix2d factor = covariance.llt().matrixL();
   UpdateResult posterior;
-  posterior.points =
-      ((k_standard * factor.transpose()).rowwise() + mean.transpose()).cwiseMax(0).cwiseMin(2);
+  posterior.points = ((k_standard * factor.transpose()).rowwise() + mean.transpose()).cwiseMax(0).cwiseMin(2);
   posterior.weights = Eigen::VectorXd::Constant(k_standard.rows(), 1.0 / k_standard.rows());
   posterior.mean = mean;
   posterior.covariance = covariance;
@@ -92,27 +98,65 @@ Eigen::Matrix2d information_at(double t) {
 const Eigen::Matrix2d k_covariance = (Eigen::Matrix2d() << 0.04, 0.01, 0.01, 0.02).finished();
 
 TEST(Decider, InformationOfALinearGaussianProblemIsExact) {
-  const UpdateResult posterior = normal_posterior({0.6, 0.6}, k_covariance, 0.05);
-  const Eigen::Matrix2d prior = k_covariance;
-  const auto after = [&](double t) -> Eigen::Matrix2d {
-    return (prior.inverse() + information_at(t)).inverse();
-  };
+  const Eigen::Matrix2d of_prior = k_prior_std.cwiseAbs2().cwiseInverse().asDiagonal(),
+                        of_data = 4 * information_at(0.3);
+  const Eigen::Matrix2d known = of_prior + of_data;
+  const UpdateResult posterior = normal_posterior({0.6, 0.6}, known.inverse(), 0.05);
   const std::vector<std::pair<std::string, Eigen::MatrixXd>> targets = {
-      {"", Eigen::Matrix2d::Identity()},
-      {"b", Eigen::RowVector2d(0, 1)},
-      {"wear", Eigen::RowVector2d(1, 1)}};
+      {"", Eigen::Matrix2d::Identity()}, {"b", Eigen::RowVector2d(0, 1)}, {"wear", Eigen::RowVector2d(1, 1)}};
   for (const auto& [about, rows] : targets) {
     DecisionOptions options;
     options.about = about, options.risk = 1;
-    const Decision decision = decider(options).decide(posterior);
-    EXPECT_EQ(decision.action, Action::load);
-    const Eigen::MatrixXd before = rows * prior * rows.transpose(),
-                          then = rows * after(decision.time) * rows.transpose();
-    EXPECT_NEAR(decision.information, 0.5 * std::log(before.determinant() / then.determinant()), 1e-9);
-    EXPECT_NEAR(decision.time, 1, 1e-12);  // the signal grows with the load
-    EXPECT_NEAR(decision.load.value(), 1e-3, 1e-12);
-    EXPECT_EQ(decision.load_units, "m");
+    // By the form of the data, and by the posterior's covariance alone.
+    for (const Eigen::MatrixXd& data : {Eigen::MatrixXd(of_data), Eigen::MatrixXd()}) {
+      const Decision decision = decider(options).decide(posterior, data);
+      EXPECT_EQ(decision.action, Action::load);
+      const Eigen::Matrix2d after = known + information_at(decision.time);
+      const Eigen::MatrixXd before = rows * known.inverse() * rows.transpose(),
+                            then = rows * after.inverse() * rows.transpose();
+      EXPECT_NEAR(decision.information, 0.5 * std::log(before.determinant() / then.determinant()), 1e-9);
+      EXPECT_NEAR(decision.time, 1, 1e-12);  // the signal grows with the load
+      EXPECT_NEAR(decision.load.value(), 1e-3, 1e-12);
+      EXPECT_EQ(decision.load_units, "m");
+    }
   }
+}
+
+/// Where a sensor sees nothing at high loads the loads that tell about it are planned first.
+TEST(ExpectedInformation, APlanIsTheGreedyChoiceByHand) {
+  model::ObservedModel fading = model::observe(linear_model(), linear_model().contents().dofs);
+  for (int t = 0; t < k_times; ++t) fading.core[t](1, 1) = t == 3 ? 1.0 : 0.02 * t;  // b is seen at one load
+  const auto model = std::make_shared<const model::ObservedModel>(fading);
+  ExpectedInformation information(model,
+                                  likelihood::GaussianNoise::independent(Eigen::Vector2d::Constant(k_noise)));
+  const Eigen::Matrix2d prior = k_covariance.inverse();
+  information.set(Eigen::RowVector2d(0.5, 0.5), prior, {}, Eigen::Matrix2d::Identity());
+  std::vector<std::size_t> steps(k_times);
+  std::iota(steps.begin(), steps.end(), 0);
+  const double least = 0.1;
+  Eigen::Matrix2d precision = prior;
+  std::vector<std::size_t> by_hand, planned;
+  for (;;) {
+    double best = least;
+    std::size_t chosen = k_times;
+    Eigen::Matrix2d next;
+    for (const std::size_t step : steps) {
+      const Eigen::Vector2d seen(fading.core[step](0, 0) / k_noise, fading.core[step](1, 1) / k_noise);
+      Eigen::Matrix2d with = precision;
+      with.diagonal() += seen.cwiseAbs2();
+      const double gain = 0.5 * std::log(with.determinant() / precision.determinant());
+      if (gain > best) best = gain, chosen = step, next = with;
+    }
+    if (chosen == k_times) break;
+    by_hand.push_back(chosen), precision = next;
+  }
+  double total = 0;
+  for (const PlannedMeasurement& one : information.plan(steps, least))
+    planned.push_back(one.step), total += one.information;
+  EXPECT_EQ(planned, by_hand);
+  EXPECT_NE(std::find(planned.begin(), planned.end(), 3), planned.end());
+  EXPECT_NEAR(total, 0.5 * std::log(precision.determinant() / prior.determinant()), 1e-9);
+  EXPECT_NEAR(information.of(3), information.plan(std::vector<std::size_t>{3}, 0)[0].information, 1e-12);
 }
 
 /// The rule written out for normal wear: the last time whose probability of failure is within what its share
@@ -132,8 +176,7 @@ TEST(Decider, LoadsAsFarAsTheRiskAllows) {
   for (const double risk : {0.01, 0.05, 0.2})
     for (const double mean : {0.5, 0.8, 0.95}) {
       options.risk = risk;
-      const Decision decision =
-          decider(options).decide(normal_posterior({mean, mean}, k_covariance, 0.05));
+      const Decision decision = decider(options).decide(normal_posterior({mean, mean}, k_covariance, 0.05));
       const double std = std::sqrt(k_covariance.sum());
       // The kernel between the draws widens by 4 %: a step less, never a step more.
       const double by_hand = furthest_by_hand(2 * mean, std, 0.05, risk);
@@ -174,8 +217,10 @@ TEST(Decider, StopsAndSaysWhy) {
     EXPECT_EQ(decision.time, time);
     return decision.message;
   };
-  EXPECT_THAT(message({0.8, 0.8}, 0.01, 1), HasSubstr("P(wear > 1.5 mm) is > 99.9 % already, of 5 % allowed in the whole test"));
-  EXPECT_THAT(message({0.6, 0.6}, 0.01, 1), HasSubstr("the load is at its end, and another measurement tells too little"));
+  EXPECT_THAT(message({0.8, 0.8}, 0.01, 1),
+              HasSubstr("P(wear > 1.5 mm) is > 99.9 % already, of 5 % allowed in the whole test"));
+  EXPECT_THAT(message({0.6, 0.6}, 0.01, 1),
+              HasSubstr("the load is at its end, and another measurement tells too little"));
   EXPECT_THAT(message({0.8, 0.8}, 0.01, 0.9), HasSubstr("after the next step of load, 0.263 % is allowed"));
   options.cost = 10;
   EXPECT_THAT(message({0.6, 0.6}, 1, 0.5), HasSubstr("no measurement that the risk allows tells 10 nats"));
@@ -199,10 +244,10 @@ TEST(Decider, SaysWhatTheProjectLacks) {
   const auto message = [](const DecisionOptions& given, const ForecastSpecification& wear) -> std::string {
     try {
       const model::SeparatedModel model = linear_model();
-      const Decider made(model,
-                         std::make_shared<const model::ObservedModel>(model::observe(model, model.contents().dofs)),
-                         model.contents().dofs,
-                         likelihood::GaussianNoise::independent(Eigen::Vector2d::Ones()), {wear}, given);
+      const Decider made(
+          model, std::make_shared<const model::ObservedModel>(model::observe(model, model.contents().dofs)),
+          model.contents().dofs, likelihood::GaussianNoise::independent(Eigen::Vector2d::Ones()), k_prior_std,
+          {wear}, given);
     } catch (const ProjectError& error) {
       return error.what();
     }
@@ -210,13 +255,17 @@ TEST(Decider, SaysWhatTheProjectLacks) {
   };
   DecisionOptions options;
   options.failure = "waer";
-  EXPECT_THAT(message(options, wear_forecast()), HasSubstr("[decide.failure] \"waer\" is not a forecast (did you mean \"wear\"?); there are: wear"));
+  EXPECT_THAT(
+      message(options, wear_forecast()),
+      HasSubstr("[decide.failure] \"waer\" is not a forecast (did you mean \"wear\"?); there are: wear"));
   options.failure = "wear";
   ForecastSpecification open = wear_forecast();
   open.threshold.reset();
   EXPECT_THAT(message(options, open), HasSubstr("[decide.failure] forecast.wear needs \"threshold\""));
   options.about = "c";
-  EXPECT_THAT(message(options, wear_forecast()), HasSubstr("[decide.about] \"c\" is neither a parameter nor a forecast (did you mean \"a\"?); there are: a, b, wear"));
+  EXPECT_THAT(message(options, wear_forecast()),
+              HasSubstr("[decide.about] \"c\" is neither a parameter nor a forecast (did you mean \"a\"?); "
+                        "there are: a, b, wear"));
   options.about.clear();
   options.end = 3;
   EXPECT_THAT(message(options, wear_forecast()), HasSubstr("decide.end"));

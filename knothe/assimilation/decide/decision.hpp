@@ -36,6 +36,7 @@ struct Decision {
   std::optional<double> load;  ///< what is imposed then, where the model knows
   std::string load_units;
   double information = 0;          ///< expected of the next measurement, nats; 0 of `stop`
+  std::vector<double> plan;        ///< model times of all measurements that are worth making now, increasing
   double failure_probability = 0;  ///< that the specimen fails by `time`
   double allowed_probability = 0;  ///< largest for this action
   double furthest = 0;             ///< largest model time that the risk allows now

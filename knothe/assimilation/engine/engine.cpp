@@ -193,7 +193,8 @@ void Engine::assess(std::size_t step, StepResult& result) {
 void Engine::decide(StepResult& result) {
   const auto start = monotonic_now();
   try {
-    result.decision = setup_.decider->decide(result.update);
+    const auto form = method_->form_up_to(result.update.step);
+    result.decision = setup_.decider->decide(result.update, form ? form->quadratic : Eigen::MatrixXd());
   } catch (const NumericalError& error) {
     Decision held;
     held.action = Action::hold;

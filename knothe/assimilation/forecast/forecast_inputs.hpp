@@ -16,8 +16,7 @@ namespace knothe::assimilation {
 
 /// The output that a forecast needs; DataError where the model lacks it.
 [[nodiscard]] const model::SnapshotOutput& find_output(const model::SeparatedModel& model,
-                                                       const std::string& name,
-                                                       const std::string& forecast);
+                                                       const std::string& name, const std::string& forecast);
 /// Displacement of the load at each time of the model; it does not depend on the parameters.
 [[nodiscard]] std::vector<double> imposed_displacements(const model::SeparatedModel& model,
                                                         const std::string& forecast);

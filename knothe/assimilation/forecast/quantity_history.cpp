@@ -72,8 +72,7 @@ Eigen::MatrixXd QuantityHistory::values(const Eigen::Ref<const Eigen::MatrixXd>&
 /// Of the cracks that are meant.
 Eigen::VectorXd QuantityHistory::lengths(const CrackBridge& crack, const model::RowMatrix& functions) const {
   const LengthCurve& curve = crack.options().curve;
-  return crack.nearest(functions).length.unaryExpr(
-      [&](double elastic) { return curve(elastic) + offset_; });
+  return crack.nearest(functions).length.unaryExpr([&](double elastic) { return curve(elastic) + offset_; });
 }
 
 }  // namespace knothe::assimilation
