@@ -20,7 +20,7 @@ import type { Store } from "./store";
 import { SignalPanel } from "./signal_panel";
 import { Summary } from "./summary";
 import { TestsPanel } from "./tests_panel";
-import { useTheme } from "./theme";
+import { ThemeButton, useTheme } from "./theme";
 
 const panels = ["forecast", "parameters", "field", "pairs", "evidence", "timing"];
 const playInterval = 120;
@@ -148,9 +148,7 @@ export function App({ store }: { store: Store }) {
           <button type="button" onClick={() => saveText(stepsTable(lines, names), "knothe-steps.csv")}>
             all steps as CSV
           </button>
-          <button type="button" onClick={nextTheme} aria-label={`Colours: ${choice}`}>
-            {choice === "system" ? "◐ as system" : choice === "dark" ? "● dark" : "○ light"}
-          </button>
+          <ThemeButton choice={choice} next={nextTheme} />
           <button type="button" onClick={() => setHelp(true)} aria-label="Help and keys">
             ?
           </button>

@@ -25,6 +25,7 @@ export function Summary({ model, line, theme }: Props) {
       class={`summary ${{ ok: "", caution: "demoted", reject: "demoted rejected" }[level]}`}
       aria-label={`Posterior at step ${line.step}${level === "reject" ? ", not usable" : ""}`}
     >
+      <h2 class="hidden">Forecasts and parameters</h2>
       {quantitiesIn(model, line).map((q) => {
         const f = line.forecast[q.name];
         if (!f) return null;

@@ -2,6 +2,7 @@
 import assert from "node:assert/strict";
 import { once } from "node:events";
 import { readFileSync } from "node:fs";
+import { createRequire } from "node:module";
 import { createServer } from "node:net";
 import { chromium } from "playwright-core";
 
@@ -51,6 +52,18 @@ export async function watchedPage(browser, look) {
       complaints.push(`went to ${request.url()}`);
   });
   return { page, context, complaints };
+}
+
+const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
+/** What axe-core finds wrong with the page as it stands: rule, element, what to do. Takes paths off drawings. */
+export async function axeFaults(page) {
+  await page.evaluate(axe);
+  // Thousands of paths carry no words, and would take a minute.
+  const { violations } = await page.evaluate(() => {
+    for (const path of document.querySelectorAll(".paper > *, .mesh path")) path.remove();
+    return window.axe.run();
+  });
+  return violations.flatMap((v) => v.nodes.map((n) => `${v.id}: ${n.target.join(" ")}: ${n.failureSummary}`));
 }
 
 export const text = async (page, selector) => (await page.locator(selector).innerText()).trim();

@@ -5,7 +5,17 @@ import { mkdirSync, readFileSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { after, before, test } from "node:test";
 import { fileURLToPath } from "node:url";
-import { compareNumbers, eventually, launch, number, portToComeBackTo, text, until, watchedPage } from "./browser.mjs";
+import {
+  axeFaults,
+  compareNumbers,
+  eventually,
+  launch,
+  number,
+  portToComeBackTo,
+  text,
+  until,
+  watchedPage,
+} from "./browser.mjs";
 import { MockService, Recording, verdict } from "../mock/server.mjs";
 
 const here = dirname(fileURLToPath(import.meta.url));
@@ -175,6 +185,7 @@ test("the structure has a state of its own, with its first reason; a withdrawn s
   );
   assert.ok(look[0].size < look[1].size, JSON.stringify(look));
   assert.equal(look[0].colour, "rgb(255, 255, 255)");
+  assert.deepEqual(await axeFaults(page), []);
   // No number looks as if it could be used: two digits, struck out, nothing blue.
   const shown = await page.evaluate(() => {
     const all = (selector) => [...document.querySelectorAll(`.summary.rejected ${selector}`)];
@@ -411,6 +422,7 @@ test("keys: help, play, panels, forecasts, colours", async (t) => {
   await until(page, "#state", /OK/);
   await page.keyboard.press("?");
   await page.getByText("How to read this page").waitFor();
+  assert.deepEqual(await axeFaults(page), []);
   await page.keyboard.press("Escape");
   await page.getByText("How to read this page").waitFor({ state: "hidden" });
   await page.waitForFunction(() => document.activeElement === document.body);
@@ -454,6 +466,7 @@ for (const [name, look] of [
         .map((e) => e.outerHTML),
     );
     assert.deepEqual(nameless, []);
+    assert.deepEqual(await axeFaults(page), []);
     service.lastAt = Date.now();
     service.say("OK", "");
     await page.waitForTimeout(300);
@@ -490,6 +503,7 @@ test("an alarm is acknowledged, and a note written at the step that is looked at
   await page.locator("#logbook").getByLabel("Sensor", { exact: true }).fill("12");
   await page.locator("#logbook").getByLabel("why").fill("came loose");
   await page.screenshot({ path: join(pictures, "sensor-form.png"), fullPage: true });
+  assert.deepEqual(await axeFaults(page), []);
   await page.getByRole("button", { name: "Switch off", exact: true }).click();
   await until(page, "#switched-off", /^sensor 12$/);
   await until(page, "#logbook", /sensor 12 switched off from t = .* on: came loose/);
@@ -548,6 +562,7 @@ test("data in quarantine are released or withdrawn, after a question", async (t)
   await decide(8, "Release");
   await until(page, "#quarantine", /1 datum is stored/);
   await page.locator("#quarantine").screenshot({ path: join(pictures, "quarantine.png") });
+  assert.deepEqual(await axeFaults(page), []);
   await decide(7, "Withdraw");
   await page.waitForFunction(() => !document.querySelector("#quarantine"));
   assert.ok(service.requests.some((r) => r.path === "/v1/quarantine" && r.method === "POST"));
@@ -584,6 +599,7 @@ test("the next specimen's test is begun, after a question, and the page begins a
   await page.getByRole("button", { name: "Begin the next test" }).click();
   await until(page, ".confirm", /Is the next specimen in place\? The unnamed test is finished, .*test "b-2"/);
   await page.screenshot({ path: join(pictures, "next-test.png"), fullPage: true });
+  assert.deepEqual(await axeFaults(page), []);
   await page.getByRole("button", { name: "No", exact: true }).click();
   assert.equal(service.test, "");
   await page.getByRole("button", { name: "Begin the next test" }).click();
@@ -603,6 +619,7 @@ test("the next specimen's test is begun, after a question, and the page begins a
   assert.equal(await page.locator("#comparison .numbers tbody tr").count(), 5);
   await page.waitForTimeout(500);
   await page.locator("#comparison").screenshot({ path: join(pictures, "comparison.png") });
+  assert.deepEqual(await axeFaults(page), []);
   await page.setViewportSize({ width: 390, height: 844 });
   await page.waitForTimeout(500);
   assert.deepEqual(await clipped(page), []);

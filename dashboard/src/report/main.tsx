@@ -5,7 +5,7 @@ import { theme as themeOf } from "../colour";
 import { stepsTable } from "../csv";
 import { given } from "../format";
 import { saveText } from "../png";
-import { useTheme } from "../theme";
+import { ThemeButton, useTheme } from "../theme";
 import { Figure } from "./figure";
 import { contentOf } from "./figures";
 import { framesOf, type Probe, type Report } from "./record";
@@ -122,9 +122,7 @@ function Controls() {
       <button type="button" onClick={() => print()}>
         print
       </button>
-      <button type="button" onClick={nextTheme} aria-label={`Colours: ${choice}`}>
-        {choice === "system" ? "◐ as system" : choice === "dark" ? "● dark" : "○ light"}
-      </button>
+      <ThemeButton choice={choice} next={nextTheme} />
     </>
   );
 }
@@ -151,3 +149,14 @@ const all = (): void => {
 };
 addEventListener("beforeprint", all);
 setTimeout(all, 2000);
+
+// A table that is wider than the screen is moved by keys, too.
+const tables = [...document.querySelectorAll<HTMLElement>(".scroll")];
+const reachable = (): void => {
+  for (const table of tables) {
+    if (table.scrollWidth > table.clientWidth) table.tabIndex = 0;
+    else table.removeAttribute("tabindex");
+  }
+};
+addEventListener("resize", reachable);
+reachable();

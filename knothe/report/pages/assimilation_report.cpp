@@ -302,7 +302,7 @@ std::string assimilation_report(const record::Results& results, const model::Sep
     page.paragraph(
         "Rubio, Chamoin and Louf, Comptes Rendus Mécanique 347 (2019), §6.3, with synthetic data of their "
         "own.");
-    page.table({"", "paper", "here", "why they differ"}, rows);
+    page.table({"quantity", "paper", "here", "why they differ"}, rows);
   }
   add_provenance(page, results);
   return page.html(record);
