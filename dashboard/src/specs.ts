@@ -4,6 +4,7 @@ import type { Theme } from "./colour";
 import {
   axisLabel,
   given,
+  imposed,
   microseconds,
   prettyUnits,
   probability,
@@ -220,7 +221,7 @@ export function probabilitySpec(base: Base, q: QuantityDescription): ChartSpec {
 function horizonMarks(base: Base, q: QuantityDescription): Mark[] {
   const last = base.lines[base.lines.length - 1]?.time ?? -Infinity;
   return q.horizon !== undefined && q.horizon < last
-    ? [{ at: q.horizon, label: `horizon t = ${given(q.horizon)}`, colour: base.theme.green, dash: [2, 3] }]
+    ? [{ at: q.horizon, label: `horizon ${horizonWords(q)}`, colour: base.theme.green, dash: [2, 3] }]
     : [];
 }
 
@@ -228,11 +229,10 @@ export function quantityWords(q: QuantityDescription): string {
   return q.horizon === undefined ? quantityName(q) : `${quantityName(q)} at ${horizonWords(q)}`;
 }
 
-/** In units of the loading where they are known: "120 µm", "t = 0.3". */
+/** In units of the loading where they are known: "0.12 mm", "t = 0.3". */
 function horizonWords({ horizon, loading }: QuantityDescription): string {
   if (!loading) return `t = ${given(horizon ?? NaN)}`;
-  const scale = scaleFor(loading.units, Math.abs(loading.value));
-  return `${given(loading.value * scale.factor)} ${scale.units}`;
+  return imposed(loading.value, loading.units);
 }
 
 function quantityName(q: QuantityDescription): string {

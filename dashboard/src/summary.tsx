@@ -55,11 +55,11 @@ export function Summary({ model, line, theme }: Props) {
               <p class="failure">
                 <meter class="p" min={0} max={1} value={p} aria-label={`P(${q.name} above threshold)`} />
                 <b>
-                  P(&gt; {threshold} {scale.units}) {probability(p).replace(/^(?=\d)/, "= ")}
+                  {`P(> ${threshold} ${scale.units})`} {probability(p).replace(/^(?=\d)/, "= ")}
                 </b>
                 {below !== undefined && (
                   <small>
-                    P(&lt; {threshold} {scale.units}) {probability(below).replace(/^(?=\d)/, "= ")}
+                    {`P(< ${threshold} ${scale.units})`} {probability(below).replace(/^(?=\d)/, "= ")}
                   </small>
                 )}
               </p>
@@ -82,10 +82,7 @@ export function Summary({ model, line, theme }: Props) {
             <p class="value">
               {at(bands.middle)} <small>{units}</small>
               {units && parameter?.reference?.value !== 1 && (
-                <small class="multiple">
-                  {" "}
-                  {at(bands.middle, 1)} × {given(factor)} {units}
-                </small>
+                <small class="multiple"> {`${at(bands.middle, 1)} × ${given(factor)} ${units}`}</small>
               )}
             </p>
             <p class="interval">{outer ? `${outer.percent} %: ${at(outer.low)} … ${at(outer.high)} ${units}` : ""}</p>

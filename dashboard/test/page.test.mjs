@@ -534,7 +534,7 @@ test("alarms of one kind are one entry, acknowledged together, and read out", as
   await until(page, "#announced", /^alarm at step 42: A grip has slipped$/);
   const group = page.locator("#events .events > li").filter({ hasText: "beyond the limit" });
   assert.equal(await group.count(), 1);
-  assert.match(await group.innerText(), /step 41.*sensor 3 is 1\.2 m.*1 earlier one/is);
+  assert.match(await group.innerText(), /step 41.*sensor 3 is 1\.2\sm.*1 earlier one/is);
   await group.getByRole("button", { name: "acknowledge all 2" }).click();
   await group.getByLabel("Your name").fill("Ada");
   await group.getByRole("button", { name: "Acknowledge all 2" }).click();
@@ -580,7 +580,7 @@ test("a sensor's signal beside its prediction, over the loading; another is chos
   const [header, ...rows] = readFileSync(await download.path(), "utf8")
     .trim()
     .split("\r\n");
-  assert.match(header, /^imposed displacement \[µm\],/);
+  assert.match(header, /^imposed displacement \[mm\],/);
   assert.equal(rows.length, service.recording.steps);
   await page.locator("#signal select").selectOption("5");
   await page.locator('#signal [aria-label^="y5 [µm] over imposed displacement"]').waitFor();

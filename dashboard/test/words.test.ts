@@ -6,6 +6,7 @@ import { banner, bannerWords, derived, structure } from "../src/state";
 import { eventsOf, grouped, merged, stateEvent } from "../src/events";
 import { stepAndClock } from "../src/specs";
 import type { Event } from "../src/types";
+import { unbroken } from "../src/unbroken";
 import { stepLine, withProbability } from "./support";
 
 test("numbers", () => {
@@ -30,6 +31,14 @@ test("a probability is never said to be 0 or 1", () => {
     "> 99.9 %",
     "> 99.9 %",
   ]);
+});
+
+test("no line ends between a number and its unit, nor behind a sign", () => {
+  const all = "P(> 40 mm) > 99.9 %, 0.4 σ away; 28.22 ± 0.28 mm at step 3 of 5 models, 1 m per m, 210 J/m³, 4 Moves";
+  assert.equal(
+    unbroken(all).replace(/\u00a0/g, "_"),
+    "P(>_40_mm) >_99.9_%, 0.4_σ away; 28.22 ±_0.28_mm at step 3 of 5 models, 1_m per m, 210_J/m³, 4 Moves",
+  );
 });
 
 test("units take a prefix by size; what has none stays", () => {

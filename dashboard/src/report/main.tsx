@@ -6,10 +6,12 @@ import { stepsTable } from "../csv";
 import { given } from "../format";
 import { saveText } from "../png";
 import { ThemeButton, useTheme } from "../theme";
+import { bindUnits } from "../unbroken";
 import { Figure } from "./figure";
 import { contentOf } from "./figures";
 import { framesOf, type Probe, type Report } from "./record";
 
+bindUnits(document.querySelector("main")!);
 const report = JSON.parse(document.getElementById("record")!.textContent!) as Report;
 const lines = report.kind === "assimilation" ? report.lines : [];
 const frames = framesOf(report);
