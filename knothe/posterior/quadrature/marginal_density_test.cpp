@@ -8,7 +8,9 @@
 namespace knothe::posterior {
 namespace {
 
-double kernel(double u) { return 0.5 * (3 - u * u) * numerics::normal_pdf(u); }
+double kernel(double u) {
+  return 0.5 * (3 - u * u) * numerics::normal_pdf(u);
+}
 
 /// The definition: a kernel φ(u) (3 − u²)/2 at every value, reflected at both bounds; below 0 it is cut off.
 double kernel_sum(const Eigen::VectorXd& values, const Eigen::VectorXd& weights, double lower, double upper,

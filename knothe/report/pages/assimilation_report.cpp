@@ -21,12 +21,6 @@ namespace {
 
 using Level = assimilation::VerdictLevel;
 
-Usability usability(Level level) {
-  return level == Level::ok        ? Usability::usable
-         : level == Level::caution ? Usability::with_caveats
-                                   : Usability::not_usable;
-}
-
 /// First of all: can the result be used?
 void add_result(Page& page, const record::Results& results) {
   if (!results.judged) return;
