@@ -483,7 +483,7 @@ class Posterior:
                 "history": xarray.Dataset(numbers, {"step": [self.record.get("step", 0)]})}
 
     def __repr__(self) -> str:
-        numbers = ", ".join(f"{name} = {m:.4g} ± {s:.2g}{self._physical(name, ' ({})')}"
+        numbers = ", ".join(f"{name} = {_notebook.quantity(m, s)}{self._physical(name, ' ({})')}"
                             for name, m, s in zip(self.parameters, self.mean, self.std))
         return f"<{type(self).__name__}: {numbers}{'' if self.trusted else '; ' + untrusted(self.remark)}>"
 
