@@ -15,7 +15,7 @@ import { ComparisonPanel } from "./comparison_panel";
 import { EvidencePanel, ForecastPanel, ParametersPanel, TimingPanel } from "./plot_panels";
 import { saveText } from "./png";
 import { Scrub } from "./scrub";
-import { parameterNames, quantitiesIn } from "./specs";
+import { parameterNames, quantitiesIn, worthClass } from "./specs";
 import type { Store } from "./store";
 import { SignalPanel } from "./signal_panel";
 import { Summary } from "./summary";
@@ -169,7 +169,7 @@ export function App({ store }: { store: Store }) {
           setPlaying={setPlaying}
         />
         <Summary model={model} line={line} theme={theme} />
-        <div class="panels">
+        <div class={`panels ${worthClass(line)}`}>
           <SignalPanel
             signal={store.detail.signal}
             wanted={store.signal}

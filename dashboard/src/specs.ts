@@ -87,6 +87,27 @@ export function parameterScale(p: ParameterDescription | undefined): Scale {
   return { factor: value * scale.factor, units: prettyUnits(scale.units) };
 }
 
+/**
+ * As many digits as the whole uncertainty leaves: `shift`, in standard deviations, is by the reduced model's own error. Of what is
+ * rejected two.
+ */
+export function worthDigits(line: StepLine | undefined, value: number, std: number, shift: number): string {
+  return line?.verdict?.level === "reject"
+    ? significant(Number(value.toPrecision(2)), 2)
+    : withSpread(value, std * Math.hypot(1, shift));
+}
+
+/** How far the reduced model's own error moves a parameter; without one, the worst of them: a forecast. */
+export function modelShift(line: StepLine | undefined, parameter?: number): number {
+  const shifts = line?.verdict?.model_shift_std ?? [];
+  return parameter === undefined ? Math.max(0, ...shifts) : (shifts[parameter] ?? 0);
+}
+
+/** Class of what shows numbers of this step: grey with caveats, struck out where they are rejected. */
+export function worthClass(line: StepLine | undefined): string {
+  return { ok: "", caution: "demoted", reject: "demoted rejected" }[line?.verdict?.level ?? "ok"];
+}
+
 export function parameterSpec(
   base: Base,
   k: number,
@@ -99,7 +120,7 @@ export function parameterSpec(
   const scale = parameterScale(description);
   const units = scale.units || scaleFor(description?.units, 1).units || "–";
   const physical = (v: number): string =>
-    `${withSpread(v * scale.factor, spread * Math.abs(scale.factor))}${scale.units ? ` ${scale.units}` : ""}`;
+    `${worthDigits(latest, v * scale.factor, spread * Math.abs(scale.factor), modelShift(latest, k))}${scale.units ? ` ${scale.units}` : ""}`;
   const series = quantileSeries(
     base,
     latest?.quantiles.levels ?? [],
@@ -160,10 +181,11 @@ export function thresholdMarks(q: QuantityDescription, scale: ReturnType<typeof 
 
 export function forecastSpec(base: Base, q: QuantityDescription): ChartSpec {
   const { theme } = base;
-  const latest = base.lines[base.lines.length - 1]?.forecast[q.name];
+  const line = base.lines[base.lines.length - 1];
+  const latest = line?.forecast[q.name];
   const scale = scaleFor(q.units ?? latest?.units, Math.max(...(latest?.values ?? [1]).map(Math.abs), 0));
   const format = (v: number): string =>
-    `${withSpread(v * scale.factor, (latest?.std ?? NaN) * scale.factor)} ${scale.units}`;
+    `${worthDigits(line, v * scale.factor, (latest?.std ?? NaN) * scale.factor, modelShift(line))} ${scale.units}`;
   const series = quantileSeries(
     base,
     latest?.levels ?? [],

@@ -200,6 +200,8 @@ test("the structure has a state of its own, with its first reason; a withdrawn s
   });
   assert.match(shown.label, /not usable$/);
   assert.ok(shown.struck.length > 5 && shown.struck.every((line) => line === "line-through"), String(shown.struck));
+  const legend = page.locator("#parameters .legend b").first();
+  assert.equal(await legend.evaluate((b) => getComputedStyle(b).textDecorationLine), "line-through");
   for (const value of shown.values) assert.ok(value.replace(/[^\d]/g, "").replace(/^0+/, "").length <= 3, value);
   assert.deepEqual(new Set(shown.bars), new Set(["#5b6776"]));
   assert.ok(shown.meters.every((filter) => filter === "grayscale(1)"));

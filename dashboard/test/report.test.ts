@@ -313,7 +313,7 @@ test("the specimen: sensors at their places, the shape of the step looked at, va
   near(rangeOfMesh(spec)[1], Math.hypot(1e-4, 2e-4));
   const drawing = meshSvg(spec, light);
   assert.equal(drawing.match(/class="sensor"/g)!.length, 2);
-  assert.match(drawing, /displacement, drawn 15\.?\d* × larger/);
+  assert.match(drawing, /displacement \[µm\], drawn 15\.?\d* × larger/);
   assert.match(meshReadout(spec, 0.02, 0.05), /^sensor 0, u_x at \(20\.0, 50\.0\) mm/);
   assert.match(meshReadout(spec, 0.1, 0.1), /: 223\.6 µm$/);
   assert.equal(meshReadout(spec, 5, 5), "");

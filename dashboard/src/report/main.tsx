@@ -7,6 +7,7 @@ import { given } from "../format";
 import { saveText } from "../png";
 import { ThemeButton, useTheme } from "../theme";
 import { bindUnits } from "../unbroken";
+import { worthClass } from "../specs";
 import { Figure } from "./figure";
 import { contentOf } from "./figures";
 import { framesOf, type Probe, type Report } from "./record";
@@ -129,7 +130,7 @@ function Controls() {
   );
 }
 
-document.documentElement.classList.add("drawn");
+document.documentElement.classList.add("drawn", ...worthClass(lines[last]).split(" ").filter(Boolean));
 render(<Controls />, document.getElementById("controls")!);
 const observer = new IntersectionObserver(
   (entries) => {
