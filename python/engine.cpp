@@ -8,11 +8,13 @@
 #include "knothe/files/json_line.hpp"
 #include "knothe/library/engine_of_values.hpp"
 #include "knothe/library/plain.hpp"
+#include "knothe/model/reduced/loading.hpp"
 #include "knothe/model/reduced/parameter_order.hpp"
 #include "knothe/numerics/statistics/distinct_draws.hpp"
 #include "knothe/posterior/quadrature/marginal_density.hpp"
 #include "knothe/project/project_engine.hpp"
 #include "knothe/project/refinement.hpp"
+#include "knothe/record/forecast_text.hpp"
 #include "knothe/record/posterior_file.hpp"
 #include "knothe/record/step_record.hpp"
 #include "python/arrays.hpp"
@@ -43,7 +45,8 @@ struct Result {
   assimilation::StepResult step;
   std::shared_ptr<const std::vector<posterior::Prior>> priors;
   std::shared_ptr<const std::vector<model::Axis>> axes;
-  bool warned = false;  ///< the caller, that it is not trusted
+  std::optional<model::Loading> loading;  ///< at the posterior mean
+  bool warned = false;                    ///< the caller, that it is not trusted
 };
 using SharedResult = std::shared_ptr<Result>;
 
@@ -59,7 +62,7 @@ class Twin {
     project::Project project = project::read_project(path);
     if (!kind.empty()) project.method.kind = method_of(kind);
     project::UpdateSetup setup = project::set_up(project);
-    auto twin = std::make_unique<Twin>(project::engine_setup(project, setup), setup.model.contents().axes);
+    auto twin = std::make_unique<Twin>(project::engine_setup(project, setup), setup.model, project.clock);
     twin->refinement_ = project::make_refinement(project, setup.pictures);
     twin->sensors_ = setup.measurements.sensors;
     twin->time_indices_ = setup.time_indices;
@@ -69,10 +72,12 @@ class Twin {
     twin->data_.emplace(std::move(setup));
     return twin;
   }
-  Twin(assimilation::EngineSetup setup, std::vector<model::Axis> axes)
+  Twin(assimilation::EngineSetup setup, model::SeparatedModel model, std::string clock)
       : sensors_(setup.sensors),
         engine_(std::make_unique<assimilation::Engine>(std::move(setup))),
-        axes_(std::make_shared<const std::vector<model::Axis>>(std::move(axes))) {
+        model_(std::move(model)),
+        clock_(std::move(clock)),
+        axes_(std::make_shared<const std::vector<model::Axis>>(model_.contents().axes)) {
     priors_ = std::make_shared<const std::vector<posterior::Prior>>(engine_->priors());
     for (std::size_t i = 0; i < engine_->model().time.size(); ++i) time_indices_.push_back(i);
   }
@@ -95,7 +100,7 @@ class Twin {
       withdraw(datum.step, datum.key);
       throw;
     }
-    Result result{*std::move(concluded), priors_, axes_};
+    Result result = result_of(*std::move(concluded));
     const bool is_last = datum.step + 1 == time_indices_.size();
     if (refinement_ && refinement_->refine_if_needed(engine_, result.step, is_last)) results_.clear();
     return results_[datum.step] = std::make_shared<Result>(std::move(result));
@@ -110,7 +115,7 @@ class Twin {
   [[nodiscard]] SharedResult result(std::size_t step) {
     if (engine_->data().count(step) == 0) throw UsageError(fault(step) + " is not assimilated");
     SharedResult& kept = results_[step];
-    if (!kept) kept = std::make_shared<Result>(Result{engine_->posterior_at(step), priors_, axes_});
+    if (!kept) kept = std::make_shared<Result>(result_of(engine_->posterior_at(step)));
     return kept;
   }
   /// As `knothe assimilate` writes posterior.nc, of all steps with data.
@@ -159,6 +164,12 @@ class Twin {
   std::mutex mutex;
 
  private:
+  [[nodiscard]] Result result_of(assimilation::StepResult step) const {
+    const Eigen::VectorXd& mean = step.update.mean;
+    auto loading =
+        step.forecasts.empty() ? std::nullopt : model::loading_of(model_, clock_, {mean.begin(), mean.end()});
+    return {std::move(step), priors_, axes_, std::move(loading)};
+  }
   [[nodiscard]] static std::string fault(std::size_t step) { return "step " + std::to_string(step); }
   void forget_stale() {
     for (const std::size_t step : engine_->stale()) results_.erase(step);
@@ -169,6 +180,8 @@ class Twin {
   std::string project_;
   std::uint64_t seed_ = 1;
   std::unique_ptr<assimilation::Engine> engine_;
+  model::SeparatedModel model_;
+  std::string clock_;  ///< the output that is imposed; empty: its displacement
   std::shared_ptr<const std::vector<model::Axis>> axes_;
   std::shared_ptr<const std::vector<posterior::Prior>> priors_;
   std::optional<project::RecordedData> data_;
@@ -230,7 +243,10 @@ void bind_results(py::module_& module) {
            })
       .def("forecasts_json",
            [](const Result& result) {
-             return files::json_line(record::forecast_record(result.step.forecasts, true));
+             auto all = record::forecast_record(result.step.forecasts, true);
+             for (const assimilation::NamedForecast& forecast : result.step.forecasts)
+               all[forecast.name]["at"] = record::horizon_text(forecast.horizon, result.loading);
+             return files::json_line(all);
            })
       .def("points", points_of_result)
       .def("weights", [](const Result& result) { return array_of(plain(result.step.update.weights)); })
@@ -281,7 +297,7 @@ std::unique_ptr<Twin> twin_of_values(const std::string& model, const Doubles& po
     for (const Prior& prior : named) names.push_back(prior.parameter);
     const model::SeparatedModel ordered(model::with_parameter_order(model::read_model(model), names), model);
     add_forecasts(forecasts, ordered, sensors, setup);
-    return std::make_unique<Twin>(std::move(setup), ordered.contents().axes);
+    return std::make_unique<Twin>(std::move(setup), ordered, "");
   });
 }
 

@@ -26,8 +26,9 @@ summary = json.loads((results / "summary.json").read_text())
 steps = [json.loads(line) for line in (results / "steps.jsonl").read_text().splitlines()]
 last, curve = steps[-1], summary["load_displacement"]
 parameters, truths, distances = [], [], []
+shifts = summary["verdict"]["model_shift_std"] or [0] * len(summary["parameters"])  # by the reduced model's own error
 for k, parameter in enumerate(summary["parameters"]):
-    std = math.sqrt(last["covariance"][k][k])
+    std = math.sqrt(last["covariance"][k][k]) * math.hypot(1, shifts[k])  # ± as the report has it
     parameters.append(f"{parameter['name']} = {rounded(last['mean'][k], std)}")
     truths.append(f"{parameter['truth']:g}")
     distances.append(f"{abs(last['mean'][k] - parameter['truth']) / std:.1f}")

@@ -10,6 +10,7 @@
 #include "knothe/files/json_line.hpp"
 #include "knothe/project/project_file.hpp"
 #include "knothe/project/update_setup.hpp"
+#include "knothe/record/assimilation_output.hpp"
 #include "knothe/record/forecast_text.hpp"
 #include "knothe/record/posterior_file.hpp"
 #include "knothe/record/step_record.hpp"
@@ -39,8 +40,9 @@ int forecast(const ForecastArguments& arguments) {
   const auto loading = model::loading_of(setup.model, project.clock, {mean.begin(), mean.end()});
   fmt::print("forecasts from the posterior after step {} (at {})\n", stored.step,
              record::horizon_text(stored.time, loading));
+  const record::Precision precision(stored.verdict);
   for (const assimilation::NamedForecast& named : forecasts) {
-    fmt::print("{}\n", for_people("  " + record::forecast_text(named, loading), stdout, 2));
+    fmt::print("{}\n", for_people("  " + record::forecast_text(named, loading, precision), stdout, 2));
     if (named.bridge_residual_rms) {
       fmt::print(
           "    rms difference between the elastic crack and the predicted displacements at the sensors: "
@@ -49,10 +51,13 @@ int forecast(const ForecastArguments& arguments) {
     }
   }
   for (const assimilation::NamedForecast& named : published) {
-    fmt::print("  {} by Eq. 33 of the paper ({} of the predicted field): {}\n", named.name,
-               arguments.inverse_map ? "inverse transport map" : "Gaussian approximation",
-               record::value_text(named.forecast.mean, named.forecast.std, "m"));
+    fmt::print(
+        "  {} by Eq. 33 of the paper ({} of the predicted field): {}\n", named.name,
+        arguments.inverse_map ? "inverse transport map" : "Gaussian approximation",
+        record::value_text(named.forecast.mean, precision.of_forecast(named.forecast.std), "m", precision));
   }
+  if (stored.verdict.level != assimilation::VerdictLevel::ok)
+    fmt::print("{}\n", for_people(record::shown_verdict(stored.verdict, stdout), stdout, 2));
   return 0;
 }
 

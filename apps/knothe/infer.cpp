@@ -5,12 +5,14 @@
 
 #include "apps/guarded_main.hpp"
 #include "apps/knothe/commands.hpp"
+#include "knothe/base/console.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/command_output.hpp"
 #include "knothe/files/json_line.hpp"
 #include "knothe/record/inference_results.hpp"
 #include "knothe/record/inference_run.hpp"
+#include "knothe/report/pages/inference_report.hpp"
 
 namespace knothe::commands {
 namespace {
@@ -32,6 +34,18 @@ record::InferenceRun run(const project::Project& project, Method method, const s
   output.line(record::inference_record(run.result, run.setup.axes, record::samples_path(folder)),
               record::inference_text(run));
   return run;
+}
+
+/// As the first line of the report.
+std::string result_line(const record::InferenceRun& run) {
+  using report::Usability;
+  const nlohmann::json content =
+      record::inference_record(run.result, run.setup.axes, record::samples_path(run.folder));
+  const Usability worth = report::judgement(content).usability;
+  const Colour colour = worth == Usability::usable         ? Colour::green
+                        : worth == Usability::with_caveats ? Colour::yellow
+                                                           : Colour::red;
+  return coloured("Result: " + report::result_words(worth), colour, stdout);
 }
 
 int compare(const InferArguments& arguments, const project::Project& project) {
@@ -78,6 +92,7 @@ int infer(const InferArguments& arguments) {
   require_possible(project, method, overridden);
   const files::CommandOutput output(arguments.json);
   const record::InferenceRun answer = run(project, method, project.results, output);
+  output.text(result_line(answer));
   output.text(answer.result.verdict);
   return exit_status(answer.result.trusted);
 }

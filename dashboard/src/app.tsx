@@ -15,12 +15,12 @@ import { ComparisonPanel } from "./comparison_panel";
 import { EvidencePanel, ForecastPanel, ParametersPanel, TimingPanel } from "./plot_panels";
 import { saveText } from "./png";
 import { Scrub } from "./scrub";
-import { parameterNames, quantitiesIn } from "./specs";
+import { parameterNames, quantitiesIn, worthClass } from "./specs";
 import type { Store } from "./store";
 import { SignalPanel } from "./signal_panel";
 import { Summary } from "./summary";
 import { TestsPanel } from "./tests_panel";
-import { useTheme } from "./theme";
+import { ThemeButton, useTheme } from "./theme";
 
 const panels = ["forecast", "parameters", "field", "pairs", "evidence", "timing"];
 const playInterval = 120;
@@ -148,9 +148,7 @@ export function App({ store }: { store: Store }) {
           <button type="button" onClick={() => saveText(stepsTable(lines, names), "knothe-steps.csv")}>
             all steps as CSV
           </button>
-          <button type="button" onClick={nextTheme} aria-label={`Colours: ${choice}`}>
-            {choice === "system" ? "◐ as system" : choice === "dark" ? "● dark" : "○ light"}
-          </button>
+          <ThemeButton choice={choice} next={nextTheme} />
           <button type="button" onClick={() => setHelp(true)} aria-label="Help and keys">
             ?
           </button>
@@ -171,7 +169,7 @@ export function App({ store }: { store: Store }) {
           setPlaying={setPlaying}
         />
         <Summary model={model} line={line} theme={theme} />
-        <div class="panels">
+        <div class={`panels ${worthClass(line)}`}>
           <SignalPanel
             signal={store.detail.signal}
             wanted={store.signal}

@@ -345,6 +345,12 @@ function yScale(live: Live): uPlot.Scale {
   return spec.logarithmic ? { distr: 3, range } : { range };
 }
 
+/** The next 1, 2 or 5 of a decade, down. */
+function roundedDown(value: number): number {
+  const decade = 10 ** Math.floor(Math.log10(value) + 1e-9);
+  return decade * [5, 2, 1].find((m) => m * decade <= value * (1 + 1e-9))!;
+}
+
 /** What the vertical axis shows of data between these numbers, which are in its units. */
 export function verticalRange(spec: ChartSpec, dataLow: number, dataHigh: number): [number, number] {
   if (spec.range) return spec.range;
@@ -352,7 +358,7 @@ export function verticalRange(spec: ChartSpec, dataLow: number, dataHigh: number
   const low = Math.min(...marks, dataLow);
   const high = Math.max(...marks, dataHigh);
   if (!Number.isFinite(low) || !Number.isFinite(high)) return spec.logarithmic ? [1, 10] : [0, 1];
-  if (spec.logarithmic) return [10 ** Math.floor(Math.log10(low)), 10 ** Math.ceil(Math.log10(high))];
+  if (spec.logarithmic) return [roundedDown(low), 1 / roundedDown(1 / high)];
   const margin = 0.06 * (high - low) || Math.abs(high) * 0.1 || 1;
   return [low - margin, high + margin];
 }

@@ -24,6 +24,18 @@ export function scaleFor(units: string | undefined, largest: number): Scale {
   return { factor: 1 / size, units: prefix + plain };
 }
 
+/** Of what is imposed, as the console and the tables have it (knothe/record/forecast_text.cpp): a length in mm. */
+export function imposedScale(units: string | undefined, largest: number): Scale {
+  if (units === "m" && largest >= 1e-5) return { factor: 1e3, units: "mm" };
+  return units !== "m" && largest < 1e4 ? scaleFor(units, 1) : scaleFor(units, largest);
+}
+
+/** "0.12 mm". */
+export function imposed(value: number, units: string | undefined): string {
+  const scale = imposedScale(units, Math.abs(value));
+  return `${given(Number((value * scale.factor).toPrecision(4)))} ${scale.units}`;
+}
+
 /** Three significant digits by default; no exponent between 1e-3 and 1e5. */
 export function significant(value: number, digits = 3): string {
   if (value === 0) return "0";

@@ -1,7 +1,7 @@
 /** What a sensor measured beside its prediction, over what is imposed: up to the last datum, then the forecast. Pure. */
 import type { ChartSpec, Mark, Series } from "./chart";
 import type { Theme } from "./colour";
-import { axisLabel, given, scaleFor, significant, words, type Scale } from "./format";
+import { axisLabel, given, imposed, imposedScale, scaleFor, significant, words, type Scale } from "./format";
 import type { QuantityDescription, SignalAnswer } from "./types";
 
 /** A mean with its band. */
@@ -37,12 +37,12 @@ function rises(values: readonly number[]): boolean {
 export function loadingAxis({ times, loading }: Loaded, timeLabel: string): LoadingAxis {
   const overTime = { label: timeLabel, at: (t: number) => t, words: (t: number) => `at t = ${given(t)}` };
   if (!loading || !rises(loading.values)) return overTime;
-  const scale = scaleFor(loading.units, size(loading.values));
-  const at = (time: number): number => scale.factor * interpolated(times, loading.values, time);
+  const scale = imposedScale(loading.units, size(loading.values));
+  const value = (time: number): number => interpolated(times, loading.values, time);
   return {
     label: axisLabel(words(loading.name), scale.units),
-    at,
-    words: (t) => `at ${given(at(t))} ${scale.units}`,
+    at: (t) => scale.factor * value(t),
+    words: (t) => `at ${imposed(value(t), loading.units)}`,
   };
 }
 

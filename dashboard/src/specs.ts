@@ -4,6 +4,7 @@ import type { Theme } from "./colour";
 import {
   axisLabel,
   given,
+  imposed,
   microseconds,
   prettyUnits,
   probability,
@@ -86,6 +87,27 @@ export function parameterScale(p: ParameterDescription | undefined): Scale {
   return { factor: value * scale.factor, units: prettyUnits(scale.units) };
 }
 
+/**
+ * As many digits as the whole uncertainty leaves: `shift`, in standard deviations, is by the reduced model's own error. Of what is
+ * rejected two.
+ */
+export function worthDigits(line: StepLine | undefined, value: number, std: number, shift: number): string {
+  return line?.verdict?.level === "reject"
+    ? significant(Number(value.toPrecision(2)), 2)
+    : withSpread(value, std * Math.hypot(1, shift));
+}
+
+/** How far the reduced model's own error moves a parameter; without one, the worst of them: a forecast. */
+export function modelShift(line: StepLine | undefined, parameter?: number): number {
+  const shifts = line?.verdict?.model_shift_std ?? [];
+  return parameter === undefined ? Math.max(0, ...shifts) : (shifts[parameter] ?? 0);
+}
+
+/** Class of what shows numbers of this step: grey with caveats, struck out where they are rejected. */
+export function worthClass(line: StepLine | undefined): string {
+  return { ok: "", caution: "demoted", reject: "demoted rejected" }[line?.verdict?.level ?? "ok"];
+}
+
 export function parameterSpec(
   base: Base,
   k: number,
@@ -98,7 +120,7 @@ export function parameterSpec(
   const scale = parameterScale(description);
   const units = scale.units || scaleFor(description?.units, 1).units || "–";
   const physical = (v: number): string =>
-    `${withSpread(v * scale.factor, spread * Math.abs(scale.factor))}${scale.units ? ` ${scale.units}` : ""}`;
+    `${worthDigits(latest, v * scale.factor, spread * Math.abs(scale.factor), modelShift(latest, k))}${scale.units ? ` ${scale.units}` : ""}`;
   const series = quantileSeries(
     base,
     latest?.quantiles.levels ?? [],
@@ -159,10 +181,11 @@ export function thresholdMarks(q: QuantityDescription, scale: ReturnType<typeof 
 
 export function forecastSpec(base: Base, q: QuantityDescription): ChartSpec {
   const { theme } = base;
-  const latest = base.lines[base.lines.length - 1]?.forecast[q.name];
+  const line = base.lines[base.lines.length - 1];
+  const latest = line?.forecast[q.name];
   const scale = scaleFor(q.units ?? latest?.units, Math.max(...(latest?.values ?? [1]).map(Math.abs), 0));
   const format = (v: number): string =>
-    `${withSpread(v * scale.factor, (latest?.std ?? NaN) * scale.factor)} ${scale.units}`;
+    `${worthDigits(line, v * scale.factor, (latest?.std ?? NaN) * scale.factor, modelShift(line))} ${scale.units}`;
   const series = quantileSeries(
     base,
     latest?.levels ?? [],
@@ -220,7 +243,7 @@ export function probabilitySpec(base: Base, q: QuantityDescription): ChartSpec {
 function horizonMarks(base: Base, q: QuantityDescription): Mark[] {
   const last = base.lines[base.lines.length - 1]?.time ?? -Infinity;
   return q.horizon !== undefined && q.horizon < last
-    ? [{ at: q.horizon, label: `horizon t = ${given(q.horizon)}`, colour: base.theme.green, dash: [2, 3] }]
+    ? [{ at: q.horizon, label: `horizon ${horizonWords(q)}`, colour: base.theme.green, dash: [2, 3] }]
     : [];
 }
 
@@ -228,11 +251,10 @@ export function quantityWords(q: QuantityDescription): string {
   return q.horizon === undefined ? quantityName(q) : `${quantityName(q)} at ${horizonWords(q)}`;
 }
 
-/** In units of the loading where they are known: "120 µm", "t = 0.3". */
+/** In units of the loading where they are known: "0.12 mm", "t = 0.3". */
 function horizonWords({ horizon, loading }: QuantityDescription): string {
   if (!loading) return `t = ${given(horizon ?? NaN)}`;
-  const scale = scaleFor(loading.units, Math.abs(loading.value));
-  return `${given(loading.value * scale.factor)} ${scale.units}`;
+  return imposed(loading.value, loading.units);
 }
 
 function quantityName(q: QuantityDescription): string {

@@ -1,8 +1,16 @@
 /** The posterior in numbers: parameters and forecasts of the step looked at. */
 import type { Theme } from "./colour";
-import { given, probability, scaleFor, significant, withSpread } from "./format";
+import { given, probability, scaleFor, significant } from "./format";
 import { bandsOf } from "./history";
-import { parameterNames, parameterScale, quantitiesIn, quantityWords } from "./specs";
+import {
+  modelShift,
+  parameterNames,
+  parameterScale,
+  quantitiesIn,
+  quantityWords,
+  worthClass,
+  worthDigits,
+} from "./specs";
 import type { Model, StepLine } from "./types";
 
 interface Props {
@@ -16,22 +24,21 @@ export function Summary({ model, line, theme }: Props) {
   const bands = bandsOf(line.quantiles.levels);
   const outer = bands.pairs[0];
   const level = line.verdict?.level ?? "ok";
-  const shifts = line.verdict?.model_shift_std ?? [];
-  /** As many digits as the whole uncertainty leaves: the reduced model's error too, and of what is rejected two. */
-  const digits = (value: number, std: number, shift: number): string =>
-    level === "reject" ? significant(Number(value.toPrecision(2)), 2) : withSpread(value, std * Math.hypot(1, shift));
   return (
     <section
-      class={`summary ${{ ok: "", caution: "demoted", reject: "demoted rejected" }[level]}`}
+      class={`summary ${worthClass(line)}`}
       aria-label={`Posterior at step ${line.step}${level === "reject" ? ", not usable" : ""}`}
     >
+      <h2 class="hidden">Forecasts and parameters</h2>
       {quantitiesIn(model, line).map((q) => {
         const f = line.forecast[q.name];
         if (!f) return null;
         const scale = scaleFor(q.units ?? f.units, Math.max(...f.values.map(Math.abs)));
         const { pairs, middle } = bandsOf(f.levels);
         const at = (i: number | undefined): string =>
-          i === undefined ? "–" : digits(f.values[i]! * scale.factor, f.std * scale.factor, Math.max(0, ...shifts));
+          i === undefined
+            ? "–"
+            : worthDigits(line, f.values[i]! * scale.factor, f.std * scale.factor, modelShift(line));
         const p = f.probability_above_threshold;
         const below = f.probability_below_threshold;
         const threshold = given((q.threshold ?? 0) * scale.factor);
@@ -54,11 +61,11 @@ export function Summary({ model, line, theme }: Props) {
               <p class="failure">
                 <meter class="p" min={0} max={1} value={p} aria-label={`P(${q.name} above threshold)`} />
                 <b>
-                  P(&gt; {threshold} {scale.units}) {probability(p).replace(/^(?=\d)/, "= ")}
+                  {`P(> ${threshold} ${scale.units})`} {probability(p).replace(/^(?=\d)/, "= ")}
                 </b>
                 {below !== undefined && (
                   <small>
-                    P(&lt; {threshold} {scale.units}) {probability(below).replace(/^(?=\d)/, "= ")}
+                    {`P(< ${threshold} ${scale.units})`} {probability(below).replace(/^(?=\d)/, "= ")}
                   </small>
                 )}
               </p>
@@ -71,7 +78,7 @@ export function Summary({ model, line, theme }: Props) {
         const values = line.quantiles.values[k] ?? [];
         const std = Math.sqrt(line.covariance[k]?.[k] ?? NaN);
         const at = (i: number | undefined, by = factor): string =>
-          i === undefined ? "–" : digits(by * (values[i] ?? NaN), Math.abs(by) * std, shifts[k] ?? 0);
+          i === undefined ? "–" : worthDigits(line, by * (values[i] ?? NaN), Math.abs(by) * std, modelShift(line, k));
         const { factor, units } = parameterScale(parameter);
         return (
           <article key={`parameter ${name}`} data-parameter={name}>
@@ -81,10 +88,7 @@ export function Summary({ model, line, theme }: Props) {
             <p class="value">
               {at(bands.middle)} <small>{units}</small>
               {units && parameter?.reference?.value !== 1 && (
-                <small class="multiple">
-                  {" "}
-                  {at(bands.middle, 1)} × {given(factor)} {units}
-                </small>
+                <small class="multiple"> {`${at(bands.middle, 1)} × ${given(factor)} ${units}`}</small>
               )}
             </p>
             <p class="interval">{outer ? `${outer.percent} %: ${at(outer.low)} … ${at(outer.high)} ${units}` : ""}</p>

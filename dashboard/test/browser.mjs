@@ -2,6 +2,7 @@
 import assert from "node:assert/strict";
 import { once } from "node:events";
 import { readFileSync } from "node:fs";
+import { createRequire } from "node:module";
 import { createServer } from "node:net";
 import { chromium } from "playwright-core";
 
@@ -53,10 +54,23 @@ export async function watchedPage(browser, look) {
   return { page, context, complaints };
 }
 
-export const text = async (page, selector) => (await page.locator(selector).innerText()).trim();
+const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
+/** What axe-core finds wrong with the page as it stands: rule, element, what to do. Takes paths off drawings. */
+export async function axeFaults(page) {
+  await page.evaluate(axe);
+  // Thousands of paths carry no words, and would take a minute.
+  const { violations } = await page.evaluate(() => {
+    for (const path of document.querySelectorAll(".paper > *, .mesh path")) path.remove();
+    return window.axe.run();
+  });
+  return violations.flatMap((v) => v.nodes.map((n) => `${v.id}: ${n.target.join(" ")}: ${n.failureSummary}`));
+}
+
+/** What is written, with plain blanks where no line may end. */
+export const text = async (page, selector) => (await page.locator(selector).innerText()).replace(/\u00a0/g, " ").trim();
 export const until = async (page, selector, expected) =>
   page.waitForFunction(
-    ([s, source]) => new RegExp(source, "s").test(document.querySelector(s)?.innerText ?? ""),
+    ([s, source]) => new RegExp(source, "s").test((document.querySelector(s)?.innerText ?? "").replace(/\u00a0/g, " ")),
     [selector, expected.source],
   );
 /** `look` until what it gives is `good`, and that: what is drawn comes a frame or more after what is written. */
@@ -105,7 +119,7 @@ async function compareNow(page, line) {
       if (p === undefined) continue; // recorded by an older service
       const failure = (await card.locator(`.failure ${side}`).innerText()).split(")")[1];
       if (failure.includes("<")) assert.ok(p < 1e-3);
-      else if (failure.includes("> 99.9")) assert.ok(p > 0.999);
+      else if (/>\s99\.9/.test(failure)) assert.ok(p > 0.999);
       else agree(failure, 100 * p, `P of ${name}`);
     }
     assert.equal((await card.locator("h3").innerText()).includes("(past)"), forecast.past === true);

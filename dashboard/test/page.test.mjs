@@ -5,7 +5,17 @@ import { mkdirSync, readFileSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { after, before, test } from "node:test";
 import { fileURLToPath } from "node:url";
-import { compareNumbers, eventually, launch, number, portToComeBackTo, text, until, watchedPage } from "./browser.mjs";
+import {
+  axeFaults,
+  compareNumbers,
+  eventually,
+  launch,
+  number,
+  portToComeBackTo,
+  text,
+  until,
+  watchedPage,
+} from "./browser.mjs";
 import { MockService, Recording, verdict } from "../mock/server.mjs";
 
 const here = dirname(fileURLToPath(import.meta.url));
@@ -175,6 +185,7 @@ test("the structure has a state of its own, with its first reason; a withdrawn s
   );
   assert.ok(look[0].size < look[1].size, JSON.stringify(look));
   assert.equal(look[0].colour, "rgb(255, 255, 255)");
+  assert.deepEqual(await axeFaults(page), []);
   // No number looks as if it could be used: two digits, struck out, nothing blue.
   const shown = await page.evaluate(() => {
     const all = (selector) => [...document.querySelectorAll(`.summary.rejected ${selector}`)];
@@ -189,6 +200,8 @@ test("the structure has a state of its own, with its first reason; a withdrawn s
   });
   assert.match(shown.label, /not usable$/);
   assert.ok(shown.struck.length > 5 && shown.struck.every((line) => line === "line-through"), String(shown.struck));
+  const legend = page.locator("#parameters .legend b").first();
+  assert.equal(await legend.evaluate((b) => getComputedStyle(b).textDecorationLine), "line-through");
   for (const value of shown.values) assert.ok(value.replace(/[^\d]/g, "").replace(/^0+/, "").length <= 3, value);
   assert.deepEqual(new Set(shown.bars), new Set(["#5b6776"]));
   assert.ok(shown.meters.every((filter) => filter === "grayscale(1)"));
@@ -411,6 +424,7 @@ test("keys: help, play, panels, forecasts, colours", async (t) => {
   await until(page, "#state", /OK/);
   await page.keyboard.press("?");
   await page.getByText("How to read this page").waitFor();
+  assert.deepEqual(await axeFaults(page), []);
   await page.keyboard.press("Escape");
   await page.getByText("How to read this page").waitFor({ state: "hidden" });
   await page.waitForFunction(() => document.activeElement === document.body);
@@ -454,6 +468,7 @@ for (const [name, look] of [
         .map((e) => e.outerHTML),
     );
     assert.deepEqual(nameless, []);
+    assert.deepEqual(await axeFaults(page), []);
     service.lastAt = Date.now();
     service.say("OK", "");
     await page.waitForTimeout(300);
@@ -490,6 +505,7 @@ test("an alarm is acknowledged, and a note written at the step that is looked at
   await page.locator("#logbook").getByLabel("Sensor", { exact: true }).fill("12");
   await page.locator("#logbook").getByLabel("why").fill("came loose");
   await page.screenshot({ path: join(pictures, "sensor-form.png"), fullPage: true });
+  assert.deepEqual(await axeFaults(page), []);
   await page.getByRole("button", { name: "Switch off", exact: true }).click();
   await until(page, "#switched-off", /^sensor 12$/);
   await until(page, "#logbook", /sensor 12 switched off from t = .* on: came loose/);
@@ -520,7 +536,7 @@ test("alarms of one kind are one entry, acknowledged together, and read out", as
   await until(page, "#announced", /^alarm at step 42: A grip has slipped$/);
   const group = page.locator("#events .events > li").filter({ hasText: "beyond the limit" });
   assert.equal(await group.count(), 1);
-  assert.match(await group.innerText(), /step 41.*sensor 3 is 1\.2 m.*1 earlier one/is);
+  assert.match(await group.innerText(), /step 41.*sensor 3 is 1\.2\sm.*1 earlier one/is);
   await group.getByRole("button", { name: "acknowledge all 2" }).click();
   await group.getByLabel("Your name").fill("Ada");
   await group.getByRole("button", { name: "Acknowledge all 2" }).click();
@@ -548,6 +564,7 @@ test("data in quarantine are released or withdrawn, after a question", async (t)
   await decide(8, "Release");
   await until(page, "#quarantine", /1 datum is stored/);
   await page.locator("#quarantine").screenshot({ path: join(pictures, "quarantine.png") });
+  assert.deepEqual(await axeFaults(page), []);
   await decide(7, "Withdraw");
   await page.waitForFunction(() => !document.querySelector("#quarantine"));
   assert.ok(service.requests.some((r) => r.path === "/v1/quarantine" && r.method === "POST"));
@@ -565,7 +582,7 @@ test("a sensor's signal beside its prediction, over the loading; another is chos
   const [header, ...rows] = readFileSync(await download.path(), "utf8")
     .trim()
     .split("\r\n");
-  assert.match(header, /^imposed displacement \[µm\],/);
+  assert.match(header, /^imposed displacement \[mm\],/);
   assert.equal(rows.length, service.recording.steps);
   await page.locator("#signal select").selectOption("5");
   await page.locator('#signal [aria-label^="y5 [µm] over imposed displacement"]').waitFor();
@@ -584,6 +601,7 @@ test("the next specimen's test is begun, after a question, and the page begins a
   await page.getByRole("button", { name: "Begin the next test" }).click();
   await until(page, ".confirm", /Is the next specimen in place\? The unnamed test is finished, .*test "b-2"/);
   await page.screenshot({ path: join(pictures, "next-test.png"), fullPage: true });
+  assert.deepEqual(await axeFaults(page), []);
   await page.getByRole("button", { name: "No", exact: true }).click();
   assert.equal(service.test, "");
   await page.getByRole("button", { name: "Begin the next test" }).click();
@@ -603,6 +621,7 @@ test("the next specimen's test is begun, after a question, and the page begins a
   assert.equal(await page.locator("#comparison .numbers tbody tr").count(), 5);
   await page.waitForTimeout(500);
   await page.locator("#comparison").screenshot({ path: join(pictures, "comparison.png") });
+  assert.deepEqual(await axeFaults(page), []);
   await page.setViewportSize({ width: 390, height: 844 });
   await page.waitForTimeout(500);
   assert.deepEqual(await clipped(page), []);

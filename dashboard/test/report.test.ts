@@ -237,13 +237,13 @@ test("a measured signal: dots with their gap, in a unit of its size", () => {
 
 test("a load curve: what lies behind the last datum is a forecast", () => {
   const spec = chart("load");
-  assert.equal(spec.xLabel, "imposed displacement [µm]");
+  assert.equal(spec.xLabel, "imposed displacement [mm]");
   const forecast = spec.series.find((s) => s.label === "forecast")!;
   const mean = spec.series.find((s) => s.label === "posterior mean")!;
   // The last datum is at 0.4: both curves meet there.
   assert.deepEqual(forecast.values, [null, null, 2, 1.5, 1, 0.5]);
   assert.deepEqual(mean.values, [0, 1, 2, null, null, null]);
-  assert.equal(spec.vertical![0]!.at, 200);
+  assert.equal(spec.vertical![0]!.at, 0.2);
   const there = record();
   there.load!.displacement = [0, 1e-4, 2e-4, 1e-4, 2e-4, 3e-4];
   const unloading = chart("load", there);
@@ -313,7 +313,7 @@ test("the specimen: sensors at their places, the shape of the step looked at, va
   near(rangeOfMesh(spec)[1], Math.hypot(1e-4, 2e-4));
   const drawing = meshSvg(spec, light);
   assert.equal(drawing.match(/class="sensor"/g)!.length, 2);
-  assert.match(drawing, /displacement, drawn 15\.?\d* × larger/);
+  assert.match(drawing, /displacement \[µm\], drawn 15\.?\d* × larger/);
   assert.match(meshReadout(spec, 0.02, 0.05), /^sensor 0, u_x at \(20\.0, 50\.0\) mm/);
   assert.match(meshReadout(spec, 0.1, 0.1), /: 223\.6 µm$/);
   assert.equal(meshReadout(spec, 5, 5), "");
@@ -382,6 +382,6 @@ test("the model of the live page is made from the summary", () => {
 
 test("a table is in the units of the axes", () => {
   const [header, first] = contentTable(content("load")).split("\r\n");
-  assert.match(header!, /imposed displacement \[µm\],reaction force \[kN\]: low,/);
+  assert.match(header!, /imposed displacement \[mm\],reaction force \[kN\]: low,/);
   assert.ok(first!.startsWith("0,0,0,0"));
 });

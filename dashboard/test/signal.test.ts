@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { theme } from "../src/colour";
+import { imposed } from "../src/format";
 import { loadingAt, signalSpec } from "../src/signal";
 import { parameterScale, quantityWords } from "../src/specs";
 import type { SignalAnswer } from "../src/types";
@@ -25,9 +26,9 @@ const valuesOf = (spec: ReturnType<typeof specOf>, label: string) => spec.series
 
 test("a force over the stroke: measured, predicted, forecast; threshold and horizon in units of the loading", () => {
   const spec = specOf();
-  assert.deepEqual([spec.xLabel, spec.yLabel], ["imposed displacement [µm]", "reaction force [kN]"]);
+  assert.deepEqual([spec.xLabel, spec.yLabel], ["imposed displacement [mm]", "reaction force [kN]"]);
   assert.deepEqual(
-    spec.times.map((x) => Math.round(x)),
+    spec.times.map((x) => Math.round(1e3 * x)),
     [100, 200, 300, 400],
   );
   assert.deepEqual(valuesOf(spec, "measured"), [1.01, 1.98, null, null]);
@@ -38,10 +39,10 @@ test("a force over the stroke: measured, predicted, forecast; threshold and hori
     [[1.2, "threshold 1.2 kN"]],
   );
   assert.deepEqual(
-    spec.vertical!.map((m) => [Math.round(m.at), m.label]),
+    spec.vertical!.map((m) => [Math.round(1e3 * m.at), m.label]),
     [
       [200, "last datum"],
-      [280, "horizon at 280 µm"],
+      [280, "horizon at 0.28 mm"],
     ],
   );
 });
@@ -51,8 +52,13 @@ test("a horizon in units of the loading, which a test that unloads does not have
   assert.equal(loadingAt(force, 1.1), undefined);
   assert.equal(loadingAt({ ...force, loading: { ...force.loading!, values: [1, 2, 2, 3] } }, 0.5), undefined);
   const horizon = { name: "crack", horizon: 0.3, loading: { value: 1.2e-4, units: "m" } };
-  assert.equal(quantityWords(horizon), "crack at 120 µm");
+  assert.equal(quantityWords(horizon), "crack at 0.12 mm");
   assert.equal(quantityWords({ name: "crack", horizon: 0.3 }), "crack at t = 0.3");
+  assert.equal(imposed(0.120004e-3, "m"), "0.12 mm"); // as the console has it
+  assert.deepEqual(
+    [8e-6, 5000, 2e4].map((x, i) => imposed(x, i ? "N" : "m")),
+    ["8 µm", "5000 N", "20 kN"],
+  );
 });
 
 test("a parameter in its unit, as large as its prior", () => {

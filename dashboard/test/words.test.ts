@@ -4,8 +4,9 @@ import { csv, sensorsTable, stepsTable } from "../src/csv";
 import { clock, duration, given, microseconds, probability, scaleFor, significant, withSpread } from "../src/format";
 import { banner, bannerWords, derived, structure } from "../src/state";
 import { eventsOf, grouped, merged, stateEvent } from "../src/events";
-import { stepAndClock } from "../src/specs";
+import { modelShift, stepAndClock, worthClass, worthDigits } from "../src/specs";
 import type { Event } from "../src/types";
+import { unbroken } from "../src/unbroken";
 import { stepLine, withProbability } from "./support";
 
 test("numbers", () => {
@@ -30,6 +31,27 @@ test("a probability is never said to be 0 or 1", () => {
     "> 99.9 %",
     "> 99.9 %",
   ]);
+});
+
+test("no line ends between a number and its unit, nor behind a sign", () => {
+  const all = "P(> 40 mm) > 99.9 %, 0.4 σ away; 28.22 ± 0.28 mm at step 3 of 5 models, 1 m per m, 210 J/m³, 4 Moves";
+  assert.equal(
+    unbroken(all).replace(/\u00a0/g, "_"),
+    "P(>_40_mm) >_99.9_%, 0.4_σ away; 28.22 ±_0.28_mm at step 3 of 5 models, 1_m per m, 210_J/m³, 4 Moves",
+  );
+});
+
+test("numbers have the digits that the whole uncertainty leaves, and of what is rejected two", () => {
+  const judged = (level: "caution" | "reject") => {
+    const line = stepLine(3);
+    line.verdict = { level, reasons: [], model_shift_std: [0, 2.4] };
+    return line;
+  };
+  const caution = judged("caution");
+  assert.equal(worthDigits(caution, 1.00123, 0.0034, modelShift(caution, 0)), "1.0012");
+  assert.equal(worthDigits(caution, 1.00123, 0.0048, modelShift(caution)), "1.001"); // of a forecast the worst
+  assert.equal(worthDigits(judged("reject"), 836.913, 0.014, 0), "840");
+  assert.deepEqual([stepLine(3), caution, judged("reject")].map(worthClass), ["", "demoted", "demoted rejected"]);
 });
 
 test("units take a prefix by size; what has none stays", () => {

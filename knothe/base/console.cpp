@@ -50,8 +50,8 @@ std::string coloured(const std::string& text, Colour colour, std::FILE* stream) 
   const bool is_plain = (no_colour != nullptr && *no_colour != '\0') ||
                         (terminal != nullptr && std::string_view(terminal) == "dumb");
   if (is_plain || !is_terminal(stream)) return text;
-  const char* const code = colour == Colour::red ? "31" : colour == Colour::green ? "32" : "33";
-  return std::string("\033[1;") + code + "m" + text + "\033[0m";
+  static constexpr const char* codes[] = {"1;31", "1;32", "1;33", "90"};
+  return std::string("\033[") + codes[static_cast<int>(colour)] + "m" + text + "\033[0m";
 }
 
 std::string wrapped(const std::string& text, std::size_t width, std::size_t indent) {

@@ -8,10 +8,10 @@ namespace knothe {
 
 inline constexpr std::size_t k_line_width = 100;
 
-enum class Colour { red, green, yellow };
+enum class Colour { red, green, yellow, grey };
 
-/// `text` in bold and that colour where `stream` is a terminal; as it is where NO_COLOR is set (no-color.org)
-/// or TERM is "dumb".
+/// `text` in that colour, bold but for grey, where `stream` is a terminal; as it is where NO_COLOR is set
+/// (no-color.org) or TERM is "dumb".
 [[nodiscard]] std::string coloured(const std::string& text, Colour colour, std::FILE* stream);
 
 /// `text` with its lines broken at blanks so that none has more than `width` characters, where that is

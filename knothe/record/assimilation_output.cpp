@@ -119,27 +119,30 @@ void AssimilationOutput::print_record(const assimilation::StepResult& result,
 /// The line a person sees while it happens, and a row of the table that stays.
 void AssimilationOutput::print_text(const assimilation::StepResult& result, double total_us) const {
   const assimilation::UpdateResult& r = result.update;
+  const Precision precision(r.verdict);
+  const bool is_ok = r.verdict.level == assimilation::VerdictLevel::ok;
   std::string text = fmt::format("step {:3}", r.step);
   for (std::size_t k = 0; k < axes_.size(); ++k) {
     const Eigen::Index i = k;
-    text += fmt::format(
-        "  {} {}", axes_[k].name,
-        value_text(r.mean[i], std::sqrt(r.covariance(i, i)), axes_[k].reference == 1 ? axes_[k].units : "1"));
+    text += fmt::format("  {} {}", axes_[k].name,
+                        value_text(r.mean[i], precision.of_parameter(std::sqrt(r.covariance(i, i)), i),
+                                   axes_[k].reference == 1 ? axes_[k].units : "1", precision));
   }
   if (r.map_order > 0) text += fmt::format("  order {}", r.map_order);
   if (!result.forecasts.empty()) {
     const assimilation::NamedForecast& first = result.forecasts[0];
-    text +=
-        fmt::format("  {} {}", first.name, value_text(first.forecast.mean, first.forecast.std, first.units));
+    text += fmt::format(
+        "  {} {}", first.name,
+        value_text(first.forecast.mean, precision.of_forecast(first.forecast.std), first.units, precision));
   }
   if (result.decision) text += fmt::format("  next: {}", action_text(*result.decision));
   text += fmt::format("  {:.0f} µs", total_us);
-  if (r.verdict.level != assimilation::VerdictLevel::ok)
-    text += fmt::format("  {}", to_text(r.verdict.level));
+  if (!is_ok) text += fmt::format("  {}", to_text(r.verdict.level));
   if (live_) fmt::print(stderr, "\r\033[K{}", cut_to_terminal(text, stderr));
   if ((r.step + 1) % 10 != 0 && shown_ != steps_) return;
   if (live_) std::fputs("\r\033[K", stderr);
-  fmt::print("{}\n", for_people(text, stdout, 2));
+  text = for_people(text, stdout, 2);
+  fmt::print("{}\n", is_ok ? text : coloured(text, Colour::grey, stdout));
   std::fflush(stdout);
 }
 
@@ -182,14 +185,18 @@ void AssimilationOutput::finish(double elapsed_s, const std::string& results_fol
   }
   fmt::print("{} in {:.2f} s, untrusted: {}; results in {}\n", counted(shown_, "step"), elapsed_s,
              untrusted_.empty() ? "none" : fmt::format("{}", fmt::join(untrusted_, ", ")), results_folder);
-  for (const assimilation::NamedForecast& forecast : forecasts_)
-    fmt::print("{}\n", for_people(forecast_text(forecast, loading), stdout, 2));
+  const assimilation::Verdict of_run = verdict();
+  const bool is_ok = of_run.level == assimilation::VerdictLevel::ok;
+  for (const assimilation::NamedForecast& forecast : forecasts_) {
+    const std::string text = for_people(forecast_text(forecast, loading, Precision(of_run)), stdout, 2);
+    fmt::print("{}\n", is_ok ? text : coloured(text, Colour::grey, stdout));
+  }
   if (!models_.empty()) fmt::print("{}\n", assimilation::comparison_text(models_));
   if (decision_)
     fmt::print("{}\n", for_people(fmt::format("next: {}: {}", action_text(*decision_), decision_->message),
                                   stdout, 2));
   tell_largest_shift();
-  fmt::print("{}\n", for_people(shown_verdict(verdict(), stdout), stdout, 2));
+  fmt::print("{}\n", for_people(shown_verdict(of_run, stdout), stdout, 2));
 }
 
 }  // namespace knothe::record

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <utility>
 
 #include "knothe/record/number_text.hpp"
@@ -26,11 +27,35 @@ std::pair<double, std::string> readable_unit(double size, const std::string& uni
   return size < 1e9 ? std::pair(1e-6, " M" + units) : std::pair(1e-9, " G" + units);
 }
 
+/// "840": of a number that is not worth more.
+std::string two_digits(double value) {
+  return readable(std::strtod(fmt::format("{:.1e}", value).c_str(), nullptr), 2);
+}
+
 }  // namespace
 
-std::string value_text(double mean, double std, const std::string& units) {
+Precision::Precision(const assimilation::Verdict& verdict)
+    : is_rejected_(verdict.level == assimilation::VerdictLevel::reject), shift_(verdict.model_shift_std) {}
+
+double Precision::of_parameter(double std, Index parameter) const {
+  return parameter < shift_.size() ? std * std::hypot(1.0, shift_[parameter]) : std;
+}
+
+double Precision::of_forecast(double std) const {
+  return shift_.size() > 0 ? std * std::hypot(1.0, shift_.maxCoeff()) : std;
+}
+
+std::string Precision::estimate(double mean, double std) const {
+  return is_rejected_ ? two_digits(mean) : with_uncertainty(mean, std);
+}
+
+std::string Precision::number(double value, double std) const {
+  return is_rejected_ ? two_digits(value) : to_decimals_of(std, value);
+}
+
+std::string value_text(double mean, double std, const std::string& units, const Precision& precision) {
   const auto [factor, unit] = readable_unit(std::max(std::abs(mean), std), units);
-  return with_uncertainty(factor * mean, factor * std) + unit;
+  return precision.estimate(factor * mean, factor * std) + unit;
 }
 
 std::string given_text(double value, const std::string& units) {
@@ -50,17 +75,20 @@ std::string horizon_text(double horizon, const std::optional<model::Loading>& lo
 }
 
 std::string forecast_text(const assimilation::NamedForecast& named,
-                          const std::optional<model::Loading>& loading) {
+                          const std::optional<model::Loading>& loading, const Precision& precision) {
   const assimilation::ScalarForecast& f = named.forecast;
+  const double std = precision.of_forecast(f.std);
   const auto [factor, unit] = readable_unit(std::max(std::abs(f.mean), f.std), named.units);
   const auto number = [&, factor = factor](double value) {
-    return to_decimals_of(factor * f.std, factor * value);
+    return to_decimals_of(factor * std, factor * value);
   };
   const double above = f.probability_above_threshold;
-  std::string text = fmt::format(
-      "{} at {}{}: {}, most probable {}, 95 % in [{}, {}]", named.name, horizon_text(named.horizon, loading),
-      named.is_past ? " (past: an estimate, not a forecast)" : "", value_text(f.mean, f.std, named.units),
-      number(f.maximum_a_posteriori), number(f.values.front()), number(f.values.back()));
+  std::string text = fmt::format("{} at {}{}: {}", named.name, horizon_text(named.horizon, loading),
+                                 named.is_past ? " (past: an estimate, not a forecast)" : "",
+                                 value_text(f.mean, std, named.units, precision));
+  if (precision.is_rejected()) return text + " (do not use)";
+  text += fmt::format(", most probable {}, 95 % in [{}, {}]", number(f.maximum_a_posteriori),
+                      number(f.values.front()), number(f.values.back()));
   if (named.threshold_stated)
     text += fmt::format("; threshold {}{}: P(above) {}, P(below) {}", plain(factor * named.threshold), unit,
                         probability_text(above), probability_text(1 - above));

@@ -50,6 +50,27 @@ TEST(ForecastText, SaysHorizonThresholdAndBothProbabilities) {
   EXPECT_EQ(forecast_text(tip, stroke).substr(0, 52), "tip at 0.12 mm (past: an estimate, not a forecast): ");
 }
 
+TEST(ForecastText, AVerdictLeavesAsManyDigitsAsTheWholeUncertainty) {
+  assimilation::Verdict verdict;
+  verdict.model_shift_std = Eigen::Vector2d(0, 2.4);
+  const Precision caution(verdict);  // √(1 + 2.4²) = 2.6
+  EXPECT_EQ(value_text(1.00123, caution.of_parameter(0.0034, 0), "1", caution), "1.0012 ± 0.0034");
+  EXPECT_EQ(value_text(1.00123, caution.of_parameter(0.0034, 1), "1", caution), "1.0012 ± 0.0088");
+  assimilation::NamedForecast tip;
+  tip.name = "tip", tip.units = "m", tip.horizon = 0.3, tip.threshold = 0.04, tip.threshold_stated = true;
+  tip.forecast.mean = 0.0425804, tip.forecast.std = 2.1e-7, tip.forecast.maximum_a_posteriori = 0.0425804;
+  tip.forecast.values = {0.04258, 0.042580, 0.0425804, 0.042581, 0.0425809};
+  tip.forecast.probability_above_threshold = 1;
+  EXPECT_EQ(forecast_text(tip, std::nullopt, caution),
+            "tip at time 0.3: 42.58040 ± 0.00055 mm, most probable 42.58040, 95 % in [42.58000, 42.58090]; "
+            "threshold 40 mm: P(above) > 99.9 %, P(below) < 0.1 %");
+  // Of what is rejected, no ± of a millionth and no probability that looks certain.
+  verdict.level = assimilation::VerdictLevel::reject;
+  EXPECT_EQ(forecast_text(tip, std::nullopt, Precision(verdict)), "tip at time 0.3: 43 mm (do not use)");
+  EXPECT_EQ(value_text(1.4999989, 1.1e-6, "1", Precision(verdict)), "1.5");
+  EXPECT_EQ(value_text(836.913, 0.014, "N", Precision(verdict)), "840 N");
+}
+
 TEST(ForecastText, HorizonsAreInUnitsOfWhatIsImposedWhereThatRises) {
   const model::Loading force{"force", "N", {0, 1, 2}, {100, 300, 400}};
   EXPECT_EQ(horizon_text(0.5, force), "200 N");

@@ -23,6 +23,7 @@
 #include "knothe/record/fields.hpp"
 #include "knothe/record/physical_parameters.hpp"
 #include "knothe/record/prior_values.hpp"
+#include "knothe/record/results.hpp"
 #include "knothe/record/step_record.hpp"
 
 namespace knothe::record {
@@ -514,6 +515,9 @@ assimilation::UpdateResult read_last_posterior(const std::string& path,
     stored.step = file.read("/weighted_posterior/step").back();
     stored.time = file.read("/sample_stats/time").back();
   }
+  if (file.has_attribute("/", "verdict"))
+    stored.verdict =
+        read_verdict(nlohmann::json::parse(file.text_attribute("/", "verdict"), nullptr, false), path);
   stored.points = std::move(found.points);
   stored.weights = std::move(found.weights);
   return stored;

@@ -95,6 +95,14 @@ assimilation::Verdict verdict_of(const JsonObject& verdict) {
   return v;
 }
 
+}  // namespace
+
+assimilation::Verdict read_verdict(const nlohmann::json& record, const std::string& where) {
+  return verdict_of({record, where});
+}
+
+namespace {
+
 Step step_of(const JsonObject& line) {
   Step s;
   read_fields(line, s, s.levels);

@@ -3,6 +3,7 @@
 /// (docs/reference/formats.md).
 #include <cstddef>
 #include <map>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <utility>
@@ -126,6 +127,9 @@ struct Results {
   /// Names of all forecasts that the last step has.
   [[nodiscard]] std::vector<std::string> forecast_names() const;
 };
+
+/// A verdict from what `verdict_record` made of it. `where` names the file in messages. Errors: DataError.
+[[nodiscard]] assimilation::Verdict read_verdict(const nlohmann::json& record, const std::string& where);
 
 /// Reads FOLDER/steps.jsonl and, if it is there, FOLDER/summary.json. Errors: DataError with file and line
 /// for a missing folder or file, a line that is not JSON, lacks a key or has a value of the wrong kind or

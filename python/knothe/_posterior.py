@@ -165,6 +165,8 @@ class Forecast(ByValue):
         P(q < threshold).
     horizon, threshold : float
         Model time for which it is made; `threshold` in `units`.
+    at : str
+        The horizon in words, by what is imposed then where that is known: ``0.12 mm``.
     levels, values : ndarray
         Quantiles.
     points, density : ndarray
@@ -189,6 +191,7 @@ class Forecast(ByValue):
     units: str
     points: Array
     density: Array
+    at: str = ""
 
     @classmethod
     def of(cls, record: Mapping[str, Any]) -> "Forecast":
@@ -211,16 +214,20 @@ class Forecast(ByValue):
         density = record.get("density", {"points": [], "values": []})
         return cls(record["mean"], record["std"], record["maximum_a_posteriori"], record["probability_above_threshold"],
                    record["probability_below_threshold"], record["horizon"], record["threshold"], np.array(record["levels"]),
-                   np.array(record["values"]), record["units"], np.array(density["points"]), np.array(density["values"]))
+                   np.array(record["values"]), record["units"], np.array(density["points"]), np.array(density["values"]), record.get("at", ""))
+
+    @property
+    def _horizon(self) -> str:
+        return self.at or f"time {self.horizon:g}"
 
     def __repr__(self) -> str:
-        return (f"<Forecast at time {self.horizon:g}: {_notebook.quantity(self.mean, self.std, self.units)}, "
+        return (f"<Forecast at {self._horizon}: {_notebook.quantity(self.mean, self.std, self.units)}, "
                 f"P(above {_notebook.given(self.threshold, self.units)}): {_notebook.percent(self.probability_above_threshold)}>")
 
     def _row(self, name: str) -> tuple[str, ...]:
         factor, unit = _notebook.readable_units(max(abs(self.mean), self.std), self.units)
         low, high = (_notebook.number(factor * value, factor * self.std) for value in (self.values[0], self.values[-1]))
-        return (name, f"{self.horizon:g}", _notebook.quantity(self.mean, self.std, self.units), f"{low} … {high} {unit}".rstrip(),
+        return (name, self._horizon, _notebook.quantity(self.mean, self.std, self.units), f"{low} … {high} {unit}".rstrip(),
                 f"P(> {_notebook.given(self.threshold, self.units)}) {_notebook.percent(self.probability_above_threshold)}")
 
     def _repr_html_(self) -> str:
@@ -228,7 +235,7 @@ class Forecast(ByValue):
 
 
 def _forecast_table(forecasts: Mapping[str, Forecast]) -> str:
-    return _notebook.table("Forecast" if len(forecasts) == 1 else "Forecasts", ("", "at time", "value", "95 %", "threshold"),
+    return _notebook.table("Forecast" if len(forecasts) == 1 else "Forecasts", ("", "at", "value", "95 %", "threshold"),
                            [forecast._row(name) for name, forecast in forecasts.items()], _ONE_SIGMA)
 
 
@@ -520,7 +527,7 @@ class Posterior:
                 "history": xarray.Dataset(numbers, {"step": [self.record.get("step", 0)]})}
 
     def __repr__(self) -> str:
-        numbers = ", ".join(f"{name} = {m:.4g} ± {s:.2g}{self._physical(name, ' ({})')}"
+        numbers = ", ".join(f"{name} = {_notebook.quantity(m, s)}{self._physical(name, ' ({})')}"
                             for name, m, s in zip(self.parameters, self.mean, self.std))
         return f"<{type(self).__name__}: {numbers}{'' if self.trusted else '; ' + untrusted(self.remark)}>"
 
@@ -535,9 +542,11 @@ class Posterior:
         rows = [(name, _notebook.quantity(m, s), f"{_notebook.number(q[0], s)} … {_notebook.number(q[-1], s)}", self._physical(name))
                 for name, m, s, q in zip(self.parameters, self.mean, self.std, values)]
         shown = _notebook.table(type(self).__name__, ("parameter", "estimate", "95 %", "in its unit"), rows, _ONE_SIGMA)
-        verdict, forecasts = self.record.get("verdict"), self.record.get("forecast", {})
+        verdict = self.record.get("verdict")
+        known = {name: Forecast.of(each) for name, each in self.record.get("forecast", {}).items()}
+        forecasts: Mapping[str, Forecast] = getattr(self, "forecast", known)
         if isinstance(verdict, Mapping):
             shown = Verdict.of(verdict)._repr_html_() + shown
         elif not self.trusted:
             shown = _notebook.table("Not trusted", (), [(self.remark,)]) + shown
-        return shown + (_forecast_table({name: Forecast.of(each) for name, each in forecasts.items()}) if forecasts else "")
+        return shown + (_forecast_table(forecasts) if forecasts else "")

@@ -176,7 +176,7 @@ class Test(Case):
         time, units = self.time_and_units("b.vtu")
         self.assertEqual((time, units["displacement"], units["displacement_std"]), (0, "px", "px"))
         page = (self.folder / "maps" / "index.html").read_text()
-        for text in ("a.pgm", "b.pgm", 'src="a.png"', "noise of a displacement, px"):
+        for text in ("a.pgm", "b.pgm", 'src="a.png"', "noise of a displacement, px", "Result: usable<", "2 of 2 pictures measured; "):
             self.assertIn(text, page)
         for name in ("a.png", "b.png"):
             self.assertEqual((self.folder / "maps" / name).read_bytes()[:8], b"\x89PNG\r\n\x1a\n")

@@ -97,6 +97,12 @@ class Test(InferCase):
         self.assertTrue(line["trusted"], line["verdict"])
         self.assertIn("But the observations do not fit the model: at the most probable parameters χ² is ", line["verdict"])
         self.assertLess(line["fit_probability"], 1e-9)
+        outcome = self.expect(0, "infer", self.project_name, "-o", "R")
+        self.assertEqual(outcome.out.splitlines()[-2], "Result: do not use")
+        self.expect(0, "report", "R", "-o", "R.html")
+        page = (self.folder / "R.html").read_text()
+        for text in ("Result: do not use<", "<p>The observations do not fit the model: ", "<p>Computation trusted: "):
+            self.assertIn(text, page)
         self.set_observations("values = [1.2, 0.4, 0.1]", "std = [0.3, 0.5, 0.4]")
         self.assertGreater(self.infer()["fit_probability"], 0.01)
 
@@ -366,7 +372,7 @@ class Test(InferCase):
         self.assertIn("std ratio", outcome.out)
         self.expect(0, "report", "results", "-o", "both.html")
         page = (self.folder / "both.html").read_text()
-        for text in ("Two methods compared", "grid minus transport", "transport: Trusted", "Marginal of a", "<svg"):
+        for text in ("Two methods compared", "grid minus transport", "transport: Computation trusted: ", "Marginal of a", "<svg"):
             self.assertIn(text, page)
         self.assertIn("The two agree: means differ by at most 0.0", outcome.out)
         sentences = outcome.out.splitlines()[-2:]
@@ -465,12 +471,13 @@ class Test(InferCase):
         self.assertEqual(line["samples_file"], "R/samples.nc")
         self.expect(0, "report", "R", "-o", "R.html")
         page = (self.folder / "R.html").read_text()
-        for text in ("Trusted: ", "Pull-back", "Pairwise", "Time per phase", "order", "<svg"):
+        for text in ("Result: usable<", "Computation trusted: ", "Pull-back", "Pairwise", "Time per phase", "order", "<svg"):
             self.assertIn(text, page)
 
     def test_the_sentence_is_the_last_line(self):
         self.serve("linear")
         outcome = self.expect(0, "infer", self.project_name)
+        self.assertEqual(outcome.out.splitlines()[-2], "Result: usable")
         self.assertTrue(outcome.out.splitlines()[-1].startswith("Trusted: "), outcome.out)
 
 

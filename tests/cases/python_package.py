@@ -1,6 +1,7 @@
 """The package for Python: errors, threads, Ctrl-C, memory, maps, inference and pictures against exact answers."""
 import copy
 import ctypes
+import dataclasses
 import math
 import os
 import pathlib
@@ -488,6 +489,7 @@ class Test(CaseInItsFolder):
         levels = np.array([0.025, 0.5, 0.975])
         tip = knothe.Forecast(0.0281, 2.6e-4, 0.028, 0.0, 1.0, 0.3, 0.04, levels, np.array([0.0276, 0.0281, 0.0286]), "m", levels, levels)
         self.assertEqual(repr(tip), "<Forecast at time 0.3: 28.10 ± 0.26 mm, P(above 40 mm): < 0.1 %>")
+        self.assertEqual(repr(dataclasses.replace(tip, at="0.12 mm")), "<Forecast at 0.12 mm: 28.10 ± 0.26 mm, P(above 40 mm): < 0.1 %>")
         self.assertIn("27.60 … 28.60 mm", tip._repr_html_())
 
     def test_a_picture_with_a_hole_is_refused(self):

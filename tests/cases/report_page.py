@@ -1,4 +1,5 @@
-"""Reports of an assimilation, an inference, two methods compared and a selection, opened in headless Chromium. Skipped like dashboard.py.
+"""Reports of an assimilation, an inference, two methods compared, a selection and pictures, opened in headless Chromium. Skipped like
+dashboard.py.
 
 Of the model and data that knothe 0.1.0 wrote (made_by_0.1.0/): no full-order run is made.
 """
@@ -7,6 +8,7 @@ import sys
 import unittest
 
 from dashboard import exit_status, run_part
+from dic_pictures import Speckle, write_pgm
 from support import SOURCE, Case
 
 
@@ -24,7 +26,10 @@ class Test(Case):
         self.expect(0, "report", "two", "-o", "comparison.html")
         self.expect(0, "select", "project.toml", "-o", "chosen")
         shutil.copy(self.folder / "chosen" / "selection.html", self.folder)
-        pages = ("assimilation", "inference", "comparison", "selection")
+        for name, pull in ("reference", 0), ("a", 0.004), ("b", 0.008):
+            write_pgm(self.folder / f"{name}.pgm", Speckle().picture(lambda x, y: (pull * (x - 80), 0), noise=1, seed=len(name)))
+        self.expect(0, "dic", "reference.pgm", "a.pgm", "b.pgm", "--element-size", 15, "--roi", "12,12,147,107", "--maps", "maps")
+        pages = ("assimilation", "inference", "comparison", "selection", "maps/index")
         run_part(self, "reports", KNOTHE_REPORTS=":".join(str(self.folder / f"{page}.html") for page in pages))
 
     def test_a_report_is_a_page(self):

@@ -53,6 +53,12 @@ class Test(Case):
         page = (self.folder / "report.html").read_text()
         self.assertIn("Verdict", page)
         self.assertIn("check the sign of the y axis", page)
+        # No number looks as if it could be used, wherever it is said.
+        self.assertIn('class="scroll demoted rejected"', page)
+        for text in (self.expect(8, "assimilate", self.project_name).out, self.expect(0, "forecast", self.project_name).out):
+            self.assertRegex(text, r"(?m)^ *force at .* \(do not use\)$")
+            self.assertNotIn("99.9 %", text)
+            self.assertIn("Result: do not use (verdict: reject)", text)
 
     def test_millimetres_are_rejected_and_named(self):
         self.use(lambda row: row.update(value=repr(1e3 * float(row["value"]))))

@@ -211,11 +211,13 @@ function marksSvg(frame: Frame, spec: ChartSpec, theme: Theme): string {
 function axesSvg(frame: Frame, spec: ChartSpec, theme: Theme, times: readonly number[]): string {
   const [first, last] = [times[0]!, times[times.length - 1]!];
   const foot = frame.top + frame.height;
-  const decades = Array.from({ length: 40 }, (_, k) => 10 ** (k - 20)).filter(
-    (v) => v >= frame.low * 0.999 && v <= frame.high * 1.001,
-  );
+  const within = (v: number): boolean => v >= frame.low * 0.999 && v <= frame.high * 1.001;
+  const powers = Array.from({ length: 40 }, (_, k) => 10 ** (k - 20));
+  const decades = powers.filter(within);
   const rows = spec.logarithmic
-    ? decades.filter((_, k) => k % Math.ceil(decades.length / 6) === 0)
+    ? decades.length > 2
+      ? decades.filter((_, k) => k % Math.ceil(decades.length / 6) === 0)
+      : powers.flatMap((v) => [v, 2 * v, 5 * v]).filter(within)
     : ticks({ low: frame.low, high: frame.high }, 5);
   const columns = last > first ? ticks({ low: first, high: last }, frame.width / 70) : [first];
   const grid = (d: string): string => tag("path", { d, stroke: theme.grid });

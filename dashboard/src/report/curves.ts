@@ -240,6 +240,12 @@ export function decade(value: number): string {
   return Math.abs(power) < 2.5 ? given(value) : significant(value, 1).replace("1·", "");
 }
 
+/** On an axis of less than two decades 2 and 5 have room too. */
+export function halfDecade(value: number): string {
+  const mantissa = Number(value.toExponential(3).split("e")[0]);
+  return [1, 2, 5].includes(mantissa) ? given(Number(value.toPrecision(3))) : "";
+}
+
 export function diagnosticSpec(record: Assimilation, theme: Theme): ChartSpec | undefined {
   if (!record.lines.some((l) => l.map_order > 0)) return undefined;
   return overSteps(record, {

@@ -2,6 +2,7 @@
 import type { ChartSpec, Series } from "../chart";
 import { colourAt, type Theme } from "../colour";
 import { axisLabel, scaleFor, significant } from "../format";
+import { decade } from "./curves";
 import { quantityWords } from "../specs";
 import type { QuantityDescription } from "../types";
 import { parameterMeaning, pretty, type Assimilation, type Density } from "./record";
@@ -94,7 +95,7 @@ export function densitySpec(plot: DensityPlot, theme: Theme): ChartSpec {
     xLabel: plot.xLabel,
     yLabel: axisLabel(`probability density${logarithmic ? ", logarithmic" : ""}`, plot.units ? `1/${plot.units}` : "–"),
     ...(logarithmic
-      ? { logarithmic, range: [least / 100, most * 1.5] as [number, number] }
+      ? { logarithmic, ticks: decade, range: [least / 100, most * 1.5] as [number, number] }
       : { range: [0, 1.08 * most] as [number, number] }),
     legend:
       shown.length > 1

@@ -13,7 +13,7 @@ import { SvgContext } from "./svg_context";
 
 const drawnWidth = 440;
 /** Paper is dear: plots are that much lower on it. */
-const paperHeight = 0.8;
+const paperHeight = 0.72;
 
 /** Drawings one below the other. */
 function stacked(drawings: readonly string[]): string {

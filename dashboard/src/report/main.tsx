@@ -5,11 +5,14 @@ import { theme as themeOf } from "../colour";
 import { stepsTable } from "../csv";
 import { given } from "../format";
 import { saveText } from "../png";
-import { useTheme } from "../theme";
+import { ThemeButton, useTheme } from "../theme";
+import { bindUnits } from "../unbroken";
+import { worthClass } from "../specs";
 import { Figure } from "./figure";
 import { contentOf } from "./figures";
 import { framesOf, type Probe, type Report } from "./record";
 
+bindUnits(document.querySelector("main")!);
 const report = JSON.parse(document.getElementById("record")!.textContent!) as Report;
 const lines = report.kind === "assimilation" ? report.lines : [];
 const frames = framesOf(report);
@@ -122,14 +125,12 @@ function Controls() {
       <button type="button" onClick={() => print()}>
         print
       </button>
-      <button type="button" onClick={nextTheme} aria-label={`Colours: ${choice}`}>
-        {choice === "system" ? "◐ as system" : choice === "dark" ? "● dark" : "○ light"}
-      </button>
+      <ThemeButton choice={choice} next={nextTheme} />
     </>
   );
 }
 
-document.documentElement.classList.add("drawn");
+document.documentElement.classList.add("drawn", ...worthClass(lines[last]).split(" ").filter(Boolean));
 render(<Controls />, document.getElementById("controls")!);
 const observer = new IntersectionObserver(
   (entries) => {
@@ -151,3 +152,14 @@ const all = (): void => {
 };
 addEventListener("beforeprint", all);
 setTimeout(all, 2000);
+
+// A table that is wider than the screen is moved by keys, too.
+const tables = [...document.querySelectorAll<HTMLElement>(".scroll")];
+const reachable = (): void => {
+  for (const table of tables) {
+    if (table.scrollWidth > table.clientWidth) table.tabIndex = 0;
+    else table.removeAttribute("tabindex");
+  }
+};
+addEventListener("resize", reachable);
+reachable();

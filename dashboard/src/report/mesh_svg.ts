@@ -1,6 +1,6 @@
 /** A face of a mesh, coloured by a number at its nodes, with sensors: drawn flat, so that it prints and is found again. Pure. */
 import { colourAt, rgb, type Theme } from "../colour";
-import { scaleFor, significant } from "../format";
+import { axisLabel, scaleFor, significant } from "../format";
 import { svg, tag, text } from "./chart_svg";
 
 export interface MeshSpec {
@@ -184,7 +184,8 @@ export function meshSvg(spec: MeshSpec, theme: Theme, width = 520): string {
         "stroke-width": 1.4,
       });
     }
-    bar += text(from - 6, foot + 9, significant(low * scale.factor), theme.text, { "text-anchor": "end" });
+    const least = Math.abs(low) < 1e-9 * Math.abs(high) ? 0 : low;
+    bar += text(from - 6, foot + 9, significant(least * scale.factor), theme.text, { "text-anchor": "end" });
     bar += text(
       from + wide + 6,
       foot + 9,
@@ -194,7 +195,7 @@ export function meshSvg(spec: MeshSpec, theme: Theme, width = 520): string {
     bar += text(
       width / 2,
       foot + 25,
-      `${spec.label}${scale.units ? ` [${scale.units}]` : ""}${spec.noise ? `; bars: ± 2 × noise ${significant(spec.noise * scale.factor, 2)}` : ""}`,
+      `${spec.label.replace(/^[^,:]*/, (what) => axisLabel(what, scale.units))}${spec.noise ? `; bars: ± 2 × noise ${significant(spec.noise * scale.factor, 2)}` : ""}`,
       theme.faint,
       {
         "text-anchor": "middle",

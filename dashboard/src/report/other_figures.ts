@@ -3,7 +3,7 @@ import type { LegendEntry } from "../chart";
 import type { Theme } from "../colour";
 import type { StepLine } from "../types";
 import { charts, mostPairs, pairWords, type Content } from "./content";
-import { decade, joined } from "./curves";
+import { decade, halfDecade, joined } from "./curves";
 import { besideSpec } from "./densities";
 import type { Comparison, Inference, InferenceContent, Plain, Selection } from "./record";
 /** An inference as a line of the live page, for its pairs. */
@@ -137,6 +137,7 @@ export function selection(r: Selection, name: string, of: string, theme: Theme):
     const x = r.curves.map((c) => [0, ...c.std.map((_, i) => i + 1)]);
     const y = r.curves.map((c) => [r.prior_std[k]!, ...c.std.map((row) => row[k]!)]);
     const look = r.curves.map((c, i) => ({ label: c.name, colour: theme.series[i % theme.series.length]! }));
+    const all = [...y.flat(), r.all_std[k]!];
     return charts({
       ...joined(x, y, look),
       name: `selection ${r.parameters[k]}`,
@@ -144,7 +145,7 @@ export function selection(r: Selection, name: string, of: string, theme: Theme):
       counts: true,
       yLabel: `posterior std of ${r.parameters[k]} [–]`,
       logarithmic: true,
-      ticks: decade,
+      ticks: Math.max(...all) < 100 * Math.min(...all) ? halfDecade : decade,
       horizontal: [
         { at: r.all_std[k]!, label: `all ${r.candidates} dofs`, colour: theme.red, dash: [6, 4], include: true },
       ],

@@ -50,7 +50,9 @@ Json line_record(const nlohmann::json& line, bool with_densities) {
   for (const char* member : k_members)
     if (line.contains(member) && (with_densities || std::string(member) != "marginals"))
       out[member] = line.at(member);
-  if (line.contains("verdict")) out["verdict"] = {{"level", line.at("verdict").at("level")}};
+  if (line.contains("verdict"))
+    for (const char* member : {"level", "model_shift_std"})
+      if (line.at("verdict").contains(member)) out["verdict"][member] = line.at("verdict").at(member);
   if (!out.contains("forecast")) out["forecast"] = Json::object();
   for (auto& [name, forecast] : out["forecast"].items()) {
     forecast.erase("direct");

@@ -21,12 +21,6 @@ namespace {
 
 using Level = assimilation::VerdictLevel;
 
-Usability usability(Level level) {
-  return level == Level::ok        ? Usability::usable
-         : level == Level::caution ? Usability::with_caveats
-                                   : Usability::not_usable;
-}
-
 /// First of all: can the result be used?
 void add_result(Page& page, const record::Results& results) {
   if (!results.judged) return;
@@ -302,7 +296,7 @@ std::string assimilation_report(const record::Results& results, const model::Sep
     page.paragraph(
         "Rubio, Chamoin and Louf, Comptes Rendus Mécanique 347 (2019), §6.3, with synthetic data of their "
         "own.");
-    page.table({"", "paper", "here", "why they differ"}, rows);
+    page.table({"quantity", "paper", "here", "why they differ"}, rows);
   }
   add_provenance(page, results);
   return page.html(record);

@@ -21,6 +21,9 @@ namespace knothe::report {
 void write_assimilation_report(const std::string& results_folder, const std::string& model_path,
                                const std::string& output);
 
+/// What a verdict's level says of a result.
+[[nodiscard]] Usability usability(assimilation::VerdictLevel level);
+
 /// What was found, in numbers: the parameters, and the forecasts, those whose horizon is over last.
 [[nodiscard]] std::vector<Table> headline(const record::Results& results);
 

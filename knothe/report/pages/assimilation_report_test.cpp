@@ -221,13 +221,19 @@ TEST(AssimilationReport, RejectedNumbersAreDemotedAndExpiredForecastsDoNotLead) 
     results.verdict.level = level;
     // Three times the posterior's own deviation: with it √10.
     results.verdict.model_shift_std = Eigen::Vector2d(3, 0);
-    const bool is_ok = level == assimilation::VerdictLevel::ok;
+    const bool is_ok = level == assimilation::VerdictLevel::ok,
+               is_rejected = level == assimilation::VerdictLevel::reject;
     const auto tables = headline(results);
     ASSERT_EQ(tables.size(), 2u);
-    for (const Table& table : tables) EXPECT_EQ(table.demoted, !is_ok);
+    for (const Table& table : tables) EXPECT_EQ(table.worth, usability(level));
     const double std = results.steps.back().standard_deviations()[0];
-    EXPECT_EQ(tables[0].rows[0].cells[1],
-              record::with_uncertainty(results.steps.back().mean[0], std * std::sqrt(10.0)));
+    const double mean = results.steps.back().mean[0];
+    EXPECT_EQ(tables[0].rows[0].cells[1], is_rejected
+                                              ? record::readable(mean, 2)
+                                              : record::with_uncertainty(mean, std * std::sqrt(10.0)));
+    for (const Table& table : tables)
+      for (const TableRow& row : table.rows)
+        EXPECT_EQ(row.cells[1].find("±") == std::string::npos, is_rejected) << row.cells[1];
     EXPECT_FALSE(tables[1].rows[0].expired);
     EXPECT_TRUE(tables[1].rows[1].expired && tables[1].rows[2].expired);
     const std::string html = assimilation_report(results, nullptr, "none");

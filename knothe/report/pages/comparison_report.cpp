@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -11,6 +12,7 @@
 #include "knothe/files/json_text.hpp"
 #include "knothe/record/number_text.hpp"
 #include "knothe/report/data/report_record.hpp"
+#include "knothe/report/pages/inference_report.hpp"
 #include "knothe/report/pages/page.hpp"
 
 namespace knothe::report {
@@ -38,21 +40,25 @@ std::string page_of(const Json& comparison, const Json& first, const Json& secon
   const auto parameters = first.at("parameters").get<std::vector<std::string>>();
   double largest = 0;
   for (const double x : c.at("mean_difference").get<Numbers>()) largest = std::max(largest, std::abs(x));
-  const bool trusted = first.at("trusted") && second.at("trusted"), agree = c.at("agreement") == "agree";
+  const bool agree = c.at("agreement") == "agree";
   Page page(
       "Two methods compared",
       fmt::format("{} and {} {}: their means differ by at most {} standard deviations of the posterior.", a,
                   b, agree ? "agree" : "contradict each other", record::readable(largest, 2)));
   std::vector<std::string> sentences;
-  for (const Json* one : {&first, &second})
-    sentences.push_back(fmt::format("{}: {} ({} model evaluations)", one->at("method").get<std::string>(),
-                                    one->at("verdict").get<std::string>(),
-                                    one->at("model_evaluations").get<long>()));
+  Usability worth = agree ? Usability::usable : Usability::not_usable;
+  for (const Json* one : {&first, &second}) {
+    InferenceJudgement judged = judgement(*one);
+    worth = std::max(worth, judged.usability);
+    for (const std::string& sentence : judged.sentences)
+      sentences.push_back(one->at("method").get<std::string>() + ": " + sentence);
+    sentences.back() += fmt::format(" {} model evaluations.", one->at("model_evaluations").get<long>());
+  }
   sentences.push_back(
       fmt::format("Log-evidence, {} minus {}: {}.", b, a,
                   record::with_uncertainty(c.at("log_evidence_difference"),
                                            std::max(1e-6, c.at("log_evidence_error").get<double>()))));
-  page.result(trusted && agree ? Usability::usable : Usability::not_usable, sentences);
+  page.result(worth, sentences);
   page.section(fmt::format("{} minus {}, in units of the posterior's standard deviation", b, a));
   std::vector<std::string> head = {"parameter", "mean", "ratio of deviations"};
   for (const double level : c.at("quantile_difference").at("levels").get<Numbers>())

@@ -30,34 +30,32 @@ std::string with_unit(const std::string& number, const std::string& unit) {
   return unit.empty() ? number : number + " " + unit;
 }
 
-std::string interval(double low, double high, double std) {
-  return record::to_decimals_of(std, low) + " … " + record::to_decimals_of(std, high);
-}
-
-/// Of a parameter: with the reduced model's own error, where the verdict knows it.
-double total_std(const record::Results& results, Index d) {
-  const double std = results.steps.back().standard_deviations()[d];
-  const auto& shift = results.verdict.model_shift_std;
-  return d < shift.size() ? std * std::hypot(1.0, shift[d]) : std;
+std::string interval(double low, double high, double std, const record::Precision& precision) {
+  return precision.number(low, std) + " … " + precision.number(high, std);
 }
 
 TableRow parameter_row(const record::Results& results, std::size_t d) {
   const record::ParameterSummary& p = results.parameters[d];
   const record::Step& last = results.steps.back();
-  const double std = total_std(results, d);
+  const record::Precision precision(results.verdict);
+  const double std = precision.of_parameter(last.standard_deviations()[d], d);
   const std::string units = pretty_units(p.units);
-  TableRow row{{parameter_label(p), record::with_uncertainty(last.mean[d], std)}};
+  // What 1 means stands in the value in its unit.
+  TableRow row{
+      {p.reference ? pretty_name(p.name) : parameter_label(p), precision.estimate(last.mean[d], std)}};
   if (last.quantiles.cols() > 1)
-    row.cells.push_back(interval(last.quantiles(d, 0), last.quantiles(d, last.quantiles.cols() - 1), std));
+    row.cells.push_back(
+        interval(last.quantiles(d, 0), last.quantiles(d, last.quantiles.cols() - 1), std, precision));
   else
-    row.cells.push_back(interval(last.mean[d] - 1.96 * std, last.mean[d] + 1.96 * std, std));
+    row.cells.push_back(interval(last.mean[d] - 1.96 * std, last.mean[d] + 1.96 * std, std, precision));
   const double reference = p.reference.value_or(1);
-  row.cells.push_back(record::value_text(reference * last.mean[d], std::abs(reference) * std, units));
+  row.cells.push_back(
+      record::value_text(reference * last.mean[d], std::abs(reference) * std, units, precision));
   if (p.truth) {
     const double distance = std > 0 ? std::abs(last.mean[d] - *p.truth) / std : 0.0;
     row.cells.push_back(fmt::format("{}, {:.1f} σ away", record::plain(*p.truth), distance));
   } else {
-    row.cells.push_back(record::to_decimals_of(std, last.maximum_a_posteriori[d]));
+    row.cells.push_back(precision.number(last.maximum_a_posteriori[d], std));
   }
   return row;
 }
@@ -65,21 +63,21 @@ TableRow parameter_row(const record::Results& results, std::size_t d) {
 TableRow forecast_row(const record::Results& results, const std::string& name) {
   const record::StepForecast& f = results.steps.back().forecast.at(name);
   const ForecastScale scale = forecast_scale(results, name);
-  const auto& shift = results.verdict.model_shift_std;  // of a forecast as of the worst parameter
-  const double std = scale.factor * f.std * (shift.size() > 0 ? std::hypot(1.0, shift.maxCoeff()) : 1.0);
-  TableRow row{{scale.title, with_unit(record::with_uncertainty(scale.factor * f.mean, std), scale.unit)}};
+  const record::Precision precision(results.verdict);
+  const double std = precision.of_forecast(scale.factor * f.std);
+  TableRow row{{scale.title, with_unit(precision.estimate(scale.factor * f.mean, std), scale.unit)}};
   row.expired = f.is_past;
   row.cells.push_back(f.values.empty() ? std::string()
                                        : with_unit(interval(scale.factor * f.values.front(),
-                                                            scale.factor * f.values.back(), std),
+                                                            scale.factor * f.values.back(), std, precision),
                                                    scale.unit));
   const auto summary = results.forecasts.find(name);
   std::string remark;
   if (summary != results.forecasts.end() && summary->second.threshold) {
     const std::string number = record::plain(scale.factor * *summary->second.threshold);
     const std::string threshold = scale.unit.empty() ? number : number + "\u00a0" + scale.unit;
-    remark = fmt::format("P(> {0}) {1}, P(< {0}) {2}", threshold, percent(f.probability_above_threshold),
-                         percent(1 - f.probability_above_threshold));
+    remark = fmt::format("P(>\u00a0{0})\u00a0{1}, P(<\u00a0{0})\u00a0{2}", threshold,
+                         percent(f.probability_above_threshold), percent(1 - f.probability_above_threshold));
   }
   if (f.is_past) remark += (remark.empty() ? "" : "; ") + std::string("past: an estimate");
   row.cells.push_back(remark);
@@ -87,6 +85,13 @@ TableRow forecast_row(const record::Results& results, const std::string& name) {
 }
 
 }  // namespace
+
+Usability usability(assimilation::VerdictLevel level) {
+  using Level = assimilation::VerdictLevel;
+  return level == Level::ok        ? Usability::usable
+         : level == Level::caution ? Usability::with_caveats
+                                   : Usability::not_usable;
+}
 
 std::string list_of(const std::vector<std::size_t>& numbers) {
   std::string out;
@@ -105,18 +110,18 @@ std::string update_times(const record::Results& results, double record::Step::*t
 }
 
 std::vector<Table> headline(const record::Results& results) {
-  const bool demoted = results.judged && results.verdict.level != assimilation::VerdictLevel::ok;
+  const Usability worth = results.judged ? usability(results.verdict.level) : Usability::usable;
   const bool has_truth = std::any_of(results.parameters.begin(), results.parameters.end(),
                                      [](const record::ParameterSummary& p) { return p.truth.has_value(); });
   Table parameters{
       "Parameters",
       {"parameter", "estimate", "95 % between", "in its unit", has_truth ? "true value" : "most probable"},
       {},
-      demoted};
+      worth};
   for (std::size_t d = 0; d < results.parameters.size(); ++d)
     parameters.rows.push_back(parameter_row(results, d));
   std::vector<Table> tables = {std::move(parameters)};
-  Table forecasts{"Forecasts", {"forecast", "value", "95 % between", "threshold"}, {}, demoted};
+  Table forecasts{"Forecasts", {"forecast", "value", "95 % between", "threshold"}, {}, worth};
   for (const auto& name : results.forecast_names()) forecasts.rows.push_back(forecast_row(results, name));
   std::stable_partition(forecasts.rows.begin(), forecasts.rows.end(),
                         [](const TableRow& row) { return !row.expired; });
@@ -167,9 +172,11 @@ std::vector<TableRow> comparison_with_paper(const record::Results& results) {
   };
   const int y0 = index("Y0"), ad = index("Ad");
   if (results.parameters.size() != 2 || y0 < 0 || ad < 0) return {};
+  if (results.judged && usability(results.verdict.level) == Usability::not_usable) return {};
   const record::Step& last = results.steps.back();
+  const record::Precision precision(results.verdict);
   const auto found = [&](int d) {
-    return record::with_uncertainty(last.mean[d], last.standard_deviations()[d]);
+    return record::with_uncertainty(last.mean[d], precision.of_parameter(last.standard_deviations()[d], d));
   };
   std::vector<TableRow> rows;
   rows.push_back({{"Y₀ at the end", "1.04 ± 0.041", found(y0),
@@ -184,13 +191,13 @@ std::vector<TableRow> comparison_with_paper(const record::Results& results) {
     const ForecastScale scale = forecast_scale(results, name);
     if (!scale.crack) continue;
     const record::StepForecast& f = last.forecast.at(name);
-    rows.push_back(
-        {{scale.title, "37.2 mm (mean), 37.6 mm (most probable), at the final time",
-          fmt::format("{} mm, most probable {} mm", record::with_uncertainty(1e3 * f.mean, 1e3 * f.std),
-                      record::readable(1e3 * f.maximum_a_posteriori, 3)),
-          "At the final 0.4 mm this mesh has lost 98 % of its stiffness, and an elastic crack of "
-          "equal compliance is 65–75 mm long; the paper's damage band is wider, its supports "
-          "softer, or both. An earlier horizon is where the length is uncertain."}});
+    rows.push_back({{scale.title, "37.2 mm (mean), 37.6 mm (most probable), at the final time",
+                     fmt::format("{} mm, most probable {} mm",
+                                 record::with_uncertainty(1e3 * f.mean, precision.of_forecast(1e3 * f.std)),
+                                 record::readable(1e3 * f.maximum_a_posteriori, 3)),
+                     "At the final 0.4 mm this mesh has lost 98 % of its stiffness, and an elastic crack of "
+                     "equal compliance is 65–75 mm long; the paper's damage band is wider, its supports "
+                     "softer, or both. An earlier horizon is where the length is uncertain."}});
   }
   if (results.has_maps()) rows.push_back(map_order_row(results));
   rows.push_back(

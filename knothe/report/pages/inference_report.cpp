@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "knothe/assimilation/verdict/assessor.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_text.hpp"
@@ -25,8 +26,7 @@ struct Content {
   std::vector<std::string> parameters;
   Numbers mean, std, most_probable, skewness, kurtosis;
   std::vector<Numbers> quantiles;  ///< parameter × level
-  std::string method, verdict;
-  bool trusted = false;
+  std::string method;
   const Json* figures = nullptr;
 
   explicit Content(const Json& c) {
@@ -37,8 +37,6 @@ struct Content {
     c.at("kurtosis").get_to(kurtosis);
     c.at("quantiles").at("values").get_to(quantiles);
     c.at("method").get_to(method);
-    c.at("verdict").get_to(verdict);
-    c.at("trusted").get_to(trusted);
     figures = &c.at("figures");
     for (std::size_t k = 0; k < parameters.size(); ++k)
       std.push_back(std::sqrt(std::max(0.0, c.at("covariance").at(k).at(k).get<double>())));
@@ -47,17 +45,19 @@ struct Content {
   [[nodiscard]] std::size_t shown(std::size_t most) const { return std::min(most, parameters.size()); }
 };
 
-void add_parameters(Page& page, const Content& c) {
+void add_parameters(Page& page, const Content& c, Usability worth) {
+  const bool is_rejected = worth == Usability::not_usable;
+  const auto number = [&](double value) { return record::readable(value, is_rejected ? 2 : 4); };
   Table table{"Parameters",
               {"parameter", "estimate", "most probable", "95 % between", "skewness", "kurtosis"},
               {},
-              !c.trusted};
+              worth};
   for (std::size_t k = 0; k < c.parameters.size(); ++k)
-    table.rows.push_back({{c.parameters[k], record::with_uncertainty(c.mean[k], c.std[k]),
-                           record::readable(c.most_probable[k], 4),
-                           fmt::format("{} … {}", record::readable(c.quantiles[k].front(), 4),
-                                       record::readable(c.quantiles[k].back(), 4)),
-                           record::readable(c.skewness[k], 2), record::readable(c.kurtosis[k], 3)}});
+    table.rows.push_back(
+        {{c.parameters[k], is_rejected ? number(c.mean[k]) : record::with_uncertainty(c.mean[k], c.std[k]),
+          number(c.most_probable[k]),
+          fmt::format("{} … {}", number(c.quantiles[k].front()), number(c.quantiles[k].back())),
+          record::readable(c.skewness[k], 2), record::readable(c.kurtosis[k], 3)}});
   page.tables({table});
   page.note("±: one standard deviation of the posterior. Skewness and kurtosis are 0 and 3 for a Gaussian.");
 }
@@ -150,23 +150,46 @@ bool holds_inference(const std::string& results_folder) {
          std::filesystem::last_write_time(folder / "steps.jsonl", none);
 }
 
+InferenceJudgement judgement(const Json& content) {
+  const assimilation::VerdictOptions limits;
+  const double fit = content.value("fit_probability", 1.0);
+  // "Trusted: FIGURES. But DOUBT. But DOUBT.", as knothe/assimilation/inference/verdict.cpp puts it together.
+  const std::string verdict = content.at("verdict");
+  static constexpr std::string_view k_but = " But ";
+  std::vector<std::string> sentences;
+  const std::size_t end = std::min(verdict.find(k_but), verdict.size());
+  for (std::size_t at = end; at < verdict.size();) {
+    const std::size_t begin = at + k_but.size();
+    at = std::min(verdict.find(k_but, begin), verdict.size());
+    sentences.push_back(verdict.substr(begin, at - begin));
+    sentences.back()[0] = std::toupper(static_cast<unsigned char>(sentences.back()[0]));
+  }
+  const bool is_trusted = content.at("trusted"), has_doubt = !sentences.empty();
+  std::string computation = verdict.substr(0, end);
+  computation[0] = std::tolower(static_cast<unsigned char>(computation[0]));
+  sentences.push_back("Computation " + computation);
+  if (!is_trusted || fit < limits.fit_reject) return {Usability::not_usable, std::move(sentences)};
+  const bool is_clean = !has_doubt && fit >= limits.fit_caution && content.value("tolerance_reached", true);
+  return {is_clean ? Usability::usable : Usability::with_caveats, std::move(sentences)};
+}
+
 std::string inference_report(const Json& content, const std::string& where) {
   try {
     const Content c(content);
     Page page("What the observations say", "By the method " + c.method + ".");
     const double ess = content.at("ess");
-    page.result(
-        c.trusted ? Usability::usable : Usability::not_usable,
-        {"Verdict: " + c.verdict,
-         fmt::format("{}effective sample size {} %; log-evidence {}; {} model evaluations.",
-                     c.has_map() ? fmt::format("Map diagnostic {}; ",
-                                               record::readable(content.at("variance_diagnostic"), 2))
-                                 : std::string(),
-                     record::readable(100 * ess, 3),
-                     record::with_uncertainty(content.at("log_evidence"),
-                                              std::max(1e-6, content.at("log_evidence_error").get<double>())),
-                     content.at("model_evaluations").get<long>())});
-    add_parameters(page, c);
+    InferenceJudgement judged = judgement(content);
+    judged.sentences.push_back(fmt::format(
+        "{}effective sample size {} %; log-evidence {}; {} model evaluations.",
+        c.has_map()
+            ? fmt::format("Map diagnostic {}; ", record::readable(content.at("variance_diagnostic"), 2))
+            : std::string(),
+        record::readable(100 * ess, 3),
+        record::with_uncertainty(content.at("log_evidence"),
+                                 std::max(1e-6, content.at("log_evidence_error").get<double>())),
+        content.at("model_evaluations").get<long>()));
+    page.result(judged.usability, judged.sentences);
+    add_parameters(page, c, judged.usability);
     add_figures(page, c);
     if (c.has_map()) add_map(page, c);
     add_phases(page, content);

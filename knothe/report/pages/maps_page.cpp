@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 
@@ -9,6 +10,7 @@
 #include "knothe/base/text.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/imaging/series/displacement_files.hpp"
+#include "knothe/record/number_text.hpp"
 #include "knothe/report/data/report_record.hpp"
 #include "knothe/report/pages/page.hpp"
 
@@ -29,7 +31,7 @@ std::string name_of(const imaging::PictureResult& r) {
   return std::filesystem::path(r.picture).filename().string();
 }
 
-TableRow row_of(const MappedPicture& p, bool has_crack, double unit) {
+TableRow row_of(const MappedPicture& p, bool has_crack, bool has_remark, double unit) {
   const imaging::PictureResult& r = *p.result;
   const auto& c = r.correlation;
   TableRow row{{name_of(r)}, r.missing};
@@ -41,7 +43,8 @@ TableRow row_of(const MappedPicture& p, bool has_crack, double unit) {
                                        std::to_string(c.elements_rejected)});
   }
   if (has_crack) row.cells.push_back(r.missing ? "" : crack_cell(r, unit));
-  row.cells.push_back(r.missing ? r.message : r.reference.empty() ? "" : "reference: " + r.reference);
+  if (has_remark)
+    row.cells.push_back(r.missing ? r.message : r.reference.empty() ? "" : "reference: " + r.reference);
   return row;
 }
 
@@ -103,6 +106,40 @@ Json record_of(const imaging::PictureSeries& series, const std::vector<MappedPic
   return record;
 }
 
+/// Whether every picture was measured, and how well.
+void add_result(Page& page, const std::vector<MappedPicture>& pictures, Index elements) {
+  constexpr double k_many_out = 0.1;  // of the elements
+  Index measured = 0;
+  int most_out = 0;
+  double noise = 0;
+  std::vector<std::string> doubts;
+  for (const MappedPicture& p : pictures) {
+    const auto& c = p.result->correlation;
+    if (p.result->missing) {
+      doubts.push_back(fmt::format("{} was not measured: {}.", name_of(*p.result), p.result->message));
+      continue;
+    }
+    ++measured;
+    most_out = std::max(most_out, static_cast<int>(c.elements_rejected));
+    if (std::isfinite(p.noise_std)) noise = std::max(noise, p.noise_std);
+    if (!c.converged)
+      doubts.push_back(fmt::format("{}: the displacements had not converged after {} iterations.",
+                                   name_of(*p.result), c.iterations));
+  }
+  const double share = elements > 0 ? most_out / (1.0 * elements) : 0;
+  if (share > k_many_out)
+    doubts.push_back(fmt::format(
+        "Up to {:.0f} % of the elements have no measurement: look at the maps where.", 100 * share));
+  const Usability worth = measured == 0    ? Usability::not_usable
+                          : doubts.empty() ? Usability::usable
+                                           : Usability::with_caveats;
+  doubts.push_back(fmt::format(
+      "{} of {} measured; noise of a displacement at most {} px; at most {} of {} elements without a "
+      "measurement.",
+      measured, counted(pictures.size(), "picture"), record::readable(noise, 2), most_out, elements));
+  page.result(worth, doubts);
+}
+
 }  // namespace
 
 void write_maps_page(const std::string& folder, const imaging::PictureSeries& series,
@@ -115,20 +152,24 @@ void write_maps_page(const std::string& folder, const imaging::PictureSeries& se
                         counted(series.options().pictures.size(), "picture"),
                         series.options().references.front(), series.correlation().mesh().element_count(),
                         series.correlation().mesh().node_count(), registration));
-  if (!pictures.empty())
+  if (!pictures.empty()) {
+    add_result(page, pictures, series.correlation().mesh().element_count());
     page.figures({{"map:u", frame ? "Displacement along the first axis" : "Displacement to the right"},
                   {"map:v", frame ? "Displacement along the second axis" : "Displacement down"},
                   {"slice", "Displacements along the line"},
                   {"extensometer", "The line as an extensometer, over the pictures"}},
                  "The cursor gives values; drag on a map to draw the line. Bars in the colour scale: twice "
                  "the noise of a displacement. Elements without a measurement are left out.");
+  }
   std::vector<std::string> header = {
       "picture", "iterations",  "residual, grey levels", "noise of a displacement, px",
       "gain",    "elements out"};
   if (has_crack) header.push_back(frame ? "crack, mm" : "crack, px");
-  header.push_back("remark");
+  const bool has_remark = std::ranges::any_of(
+      pictures, [](const MappedPicture& p) { return p.result->missing || !p.result->reference.empty(); });
+  if (has_remark) header.push_back("remark");
   std::vector<TableRow> rows;
-  for (const MappedPicture& p : pictures) rows.push_back(row_of(p, has_crack, unit));
+  for (const MappedPicture& p : pictures) rows.push_back(row_of(p, has_crack, has_remark, unit));
   page.table(header, rows);
   if (!registration.empty()) page.image("registration.png", "outline on the picture");
   for (const MappedPicture& p : pictures)

@@ -25,7 +25,10 @@ void put(std::string& page, std::string_view mark, const std::string& part) {
 }
 
 std::string html_of(const Table& table) {
-  std::string out = fmt::format("<div class=\"scroll{}\"><table>", table.demoted ? " demoted" : "");
+  std::string out = fmt::format("<div class=\"scroll{}\"><table>", table.worth == Usability::usable ? ""
+                                                                   : table.worth == Usability::with_caveats
+                                                                       ? " demoted"
+                                                                       : " demoted rejected");
   if (!table.caption.empty()) out += "<caption>" + escape_xml(table.caption) + "</caption>";
   if (!table.header.empty()) {
     out += "<thead><tr>";

@@ -7,6 +7,10 @@
 
 namespace knothe::report {
 
+/// Whether what a page shows can be used: its words and its colour.
+enum class Usability { usable, with_caveats, not_usable };
+[[nodiscard]] std::string result_words(Usability usability);
+
 struct TableRow {
   std::vector<std::string> cells;
   bool expired = false;  ///< of a time that is over: grey
@@ -16,12 +20,8 @@ struct Table {
   std::string caption;
   std::vector<std::string> header;
   std::vector<TableRow> rows;
-  bool demoted = false;  ///< numbers that nobody should use: grey
+  Usability worth = Usability::usable;  ///< of its numbers: grey with caveats, struck out if not usable
 };
-
-/// Whether what a page shows can be used: its words and its colour.
-enum class Usability { usable, with_caveats, not_usable };
-[[nodiscard]] std::string result_words(Usability usability);
 
 /// A place for a figure. `id` is a name that dashboard/src/report/figures.ts knows, with what it is of:
 /// "marginal:0".

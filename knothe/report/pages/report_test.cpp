@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <limits>
+#include <nlohmann/json.hpp>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
@@ -12,6 +13,7 @@
 #include "knothe/report/data/specimen.hpp"
 #include "knothe/report/data/words.hpp"
 #include "knothe/report/figures/colour_map.hpp"
+#include "knothe/report/pages/inference_report.hpp"
 #include "knothe/report/pages/page.hpp"
 
 namespace knothe::report {
@@ -109,7 +111,7 @@ TEST(Page, EscapesAndStaysWellFormed) {
   Page page("Title <&>", "sub");
   page.result(Usability::with_caveats, {"because <of> this"});
   page.section("One & two").paragraph("a < b").note("n");
-  page.tables({{"numbers", {"x"}, {{{"1 ± 2"}}, {{"<r>"}, true}}, true}});
+  page.tables({{"numbers", {"x"}, {{{"1 ± 2"}}, {{"<r>"}, true}}, Usability::with_caveats}});
   page.figures({{"marginal:0", "a \"figure\""}, {"pairs", "two"}}, "caption & more");
   page.table({"h"}, {{{"<c>"}}}).details("file", "x = \"<\"");
   const std::string html = page.html({{"kind", "curves"}, {"figures", {"</script><!--"}}});
@@ -128,6 +130,30 @@ TEST(Page, AsksForNothingOutside) {
   EXPECT_NE(html.find("default-src 'none'"), std::string::npos);
   for (const char* asks : {"<link", "@import", " src=\"", "url(http", "connect-src"})
     EXPECT_EQ(html.find(asks), std::string::npos) << asks;
+}
+
+TEST(InferenceReport, WhatDoesNotFitIsNotUsableHoweverWellItWasComputed) {
+  const auto judged = [](nlohmann::json content) {
+    content["trusted"] = content.value("trusted", true);
+    return judgement(content);
+  };
+  const auto clean = judged({{"verdict", "Trusted: map of order 2."}, {"fit_probability", 0.4}});
+  EXPECT_EQ(clean.usability, Usability::usable);
+  EXPECT_EQ(clean.sentences, std::vector<std::string>{"Computation trusted: map of order 2."});
+  const auto missed =
+      judged({{"verdict", "Trusted: map; the tolerance was missed, though."}, {"tolerance_reached", false}});
+  EXPECT_EQ(missed.usability, Usability::with_caveats);
+  const auto cut =
+      judged({{"verdict", "Trusted: map. But 99 % of a lies at an end."}, {"fit_probability", 0.4}});
+  EXPECT_EQ(cut.usability, Usability::with_caveats);
+  const auto misfit = judged(
+      {{"verdict", "Trusted: map. But one. But the observations do not fit."}, {"fit_probability", 1e-20}});
+  EXPECT_EQ(misfit.usability, Usability::not_usable);
+  EXPECT_EQ(misfit.sentences,
+            (std::vector<std::string>{"One.", "The observations do not fit.", "Computation trusted: map."}));
+  const auto untrusted = judged({{"verdict", "Not trusted: too few."}, {"trusted", false}});
+  EXPECT_EQ(untrusted.usability, Usability::not_usable);
+  EXPECT_EQ(untrusted.sentences.front(), "Computation not trusted: too few.");
 }
 
 TEST(Page, ResultsAreSaidInWordsForPeople) {

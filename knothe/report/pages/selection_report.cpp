@@ -80,6 +80,36 @@ ordered_json record_of(const project::SelectionSetup& setup, const assimilation:
   return record;
 }
 
+/// Of the standard deviations that the chosen dofs leave: what they do not determine, and what all dofs
+/// would.
+void add_result(Page& page, const project::SelectionSetup& setup, const assimilation::SelectionStudy& study) {
+  constexpr double k_hardly_determined = 0.5;  // of the prior's
+  constexpr double k_much_is_lost = 1.5;       // of what all dofs leave
+  const std::vector<std::string> names = setup.model.parameter_names();
+  std::vector<std::string> doubts, sentences;
+  for (std::size_t k = 0; k < names.size(); ++k) {
+    const Eigen::Index j = k;
+    const double prior = study.prior_std[j], chosen = study.ranked.back().posterior_std[j],
+                 all = study.posterior_std_of_all[j];
+    sentences.push_back(fmt::format("{}: standard deviation {} by the chosen dofs, {} by all; prior {}.",
+                                    names[k], record::readable(chosen), record::readable(all),
+                                    record::readable(prior)));
+    if (all > k_hardly_determined * prior)
+      doubts.push_back(
+          fmt::format("{} is hardly determined even by all dofs: measure elsewhere, or something "
+                      "else.",
+                      names[k]));
+    else if (chosen > k_much_is_lost * all)
+      doubts.push_back(
+          fmt::format("{} would be known {} times better by all dofs: a larger select.count "
+                      "helps.",
+                      names[k], record::readable(chosen / all, 2)));
+  }
+  const bool is_clean = doubts.empty();
+  doubts.insert(doubts.end(), sentences.begin(), sentences.end());
+  page.result(is_clean ? Usability::usable : Usability::with_caveats, doubts);
+}
+
 }  // namespace
 
 std::vector<ordered_json> selection_records(const project::Project& project,
@@ -123,17 +153,12 @@ std::string selection_page(const project::Project& project, const project::Selec
   Page page("Data selection", fmt::format("{}: {} of {} dofs by {}", project.path, study.ranked.size(),
                                           setup.candidates.size(), to_text(project.select.criterion)));
   const ordered_json record = record_of(setup, study);
-  Table table{"Standard deviation", {"parameter", "prior", "chosen dofs", "all dofs"}, {}};
+  add_result(page, setup, study);
   std::vector<FigurePlace> curves, fields;
   for (std::size_t k = 0; k < names.size(); ++k) {
-    const Eigen::Index j = k;
-    table.rows.push_back({{names[k], record::readable(study.prior_std[j]),
-                           record::readable(study.ranked.back().posterior_std[j]),
-                           record::readable(study.posterior_std_of_all[j])}});
     curves.push_back({fmt::format("curve:{}", k),
                       fmt::format("Posterior standard deviation of {} against number of dofs", names[k])});
   }
-  page.tables({table});
   page.figures(
       curves,
       "Linearised at one point of the box; information of all steps. The same number of dofs, chosen "

@@ -34,3 +34,13 @@ export function useTheme(): [Choice, boolean, () => void] {
   const next = useCallback(() => setChoice((c) => order[(order.indexOf(c) + 1) % order.length]!), []);
   return [choice, dark, next];
 }
+
+/** Which colours are shown; a click takes the next of system, dark, light. */
+export function ThemeButton({ choice, next }: { choice: string; next: () => void }) {
+  return (
+    <button type="button" onClick={next}>
+      <span class="hidden">Colours: </span>
+      {choice === "system" ? "◐ as system" : choice === "dark" ? "● dark" : "○ light"}
+    </button>
+  );
+}
