@@ -1,5 +1,13 @@
 /** Texts of the service to values. Pure. */
-import { verdictLevels, type Forecast, type StepLine, type Verdict, type VerdictLevel } from "./types";
+import {
+  actions,
+  verdictLevels,
+  type Decision,
+  type Forecast,
+  type StepLine,
+  type Verdict,
+  type VerdictLevel,
+} from "./types";
 
 export function isObject(value: unknown): value is Record<string, unknown> {
   return typeof value === "object" && value !== null && !Array.isArray(value);
@@ -32,8 +40,9 @@ export function asStepLine(value: unknown): StepLine | undefined {
   const elapsed: Record<string, number> = {};
   for (const [name, entry] of Object.entries(isObject(value.elapsed_us) ? value.elapsed_us : {}))
     if (typeof entry === "number" && Number.isFinite(entry)) elapsed[name] = entry;
-  const { marginals: _marginals, verdict: said, ...rest } = value;
+  const { marginals: _marginals, verdict: said, decision: decided, ...rest } = value;
   const verdict = asVerdict(said);
+  const decision = asDecision(decided);
   return {
     ...(rest as unknown as StepLine),
     covariance: Array.isArray(value.covariance) ? (value.covariance as number[][]) : [],
@@ -47,7 +56,16 @@ export function asStepLine(value: unknown): StepLine | undefined {
     elapsed_us: elapsed,
     forecast,
     ...(verdict ? { verdict } : {}),
+    ...(decision ? { decision } : {}),
   };
+}
+
+function asDecision(value: unknown): Decision | undefined {
+  if (!isObject(value) || !isNumber(value.time) || typeof value.message !== "string") return undefined;
+  const action = actions.find((one) => one === value.action);
+  if (!action) return undefined;
+  const load = isNumber(value.load) && typeof value.units === "string" ? { load: value.load, units: value.units } : {};
+  return { action, time: value.time, message: value.message, ...load };
 }
 
 export function asVerdictLevel(value: unknown): VerdictLevel | undefined {

@@ -17,7 +17,7 @@ import {
 } from "./format";
 import { bandsOf, column, phasesOf, timeline, type Timeline } from "./history";
 import { total } from "./events";
-import type { Model, ParameterDescription, QuantityDescription, StepLine } from "./types";
+import type { Decision, Model, ParameterDescription, QuantityDescription, StepLine } from "./types";
 
 export const timeLabel = "model time t [–]";
 
@@ -245,6 +245,12 @@ function horizonMarks(base: Base, q: QuantityDescription): Mark[] {
   return q.horizon !== undefined && q.horizon < last
     ? [{ at: q.horizon, label: `horizon ${horizonWords(q)}`, colour: base.theme.green, dash: [2, 3] }]
     : [];
+}
+
+/** "load to 0.124 mm". */
+export function actionWords({ action, time, load, units }: Decision): string {
+  if (action !== "load") return action;
+  return `load to ${load === undefined ? `time ${given(time)}` : imposed(load, units ?? "")}`;
 }
 
 export function quantityWords(q: QuantityDescription): string {

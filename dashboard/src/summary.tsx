@@ -3,6 +3,7 @@ import type { Theme } from "./colour";
 import { given, probability, scaleFor, significant } from "./format";
 import { bandsOf } from "./history";
 import {
+  actionWords,
   modelShift,
   parameterNames,
   parameterScale,
@@ -29,7 +30,16 @@ export function Summary({ model, line, theme }: Props) {
       class={`summary ${worthClass(line)}`}
       aria-label={`Posterior at step ${line.step}${level === "reject" ? ", not usable" : ""}`}
     >
-      <h2 class="hidden">Forecasts and parameters</h2>
+      <h2 class="hidden">Decision, forecasts and parameters</h2>
+      {line.decision && (
+        <article data-decision={line.decision.action}>
+          <h3>
+            next <small>decision</small>
+          </h3>
+          <p class="value">{actionWords(line.decision)}</p>
+          <p class="interval">{line.decision.message}</p>
+        </article>
+      )}
       {quantitiesIn(model, line).map((q) => {
         const f = line.forecast[q.name];
         if (!f) return null;

@@ -40,6 +40,18 @@ export interface StepLine extends Pick<StepFields, Shown> {
   /** When its last datum came, Unix time, s. */
   received_at?: number;
   verdict?: Verdict;
+  decision?: Decision;
+}
+
+export const actions = ["load", "hold", "stop"] as const;
+
+/** What to do next with the specimen, of a project that asks: load to `time`, where `load` is imposed. */
+export interface Decision {
+  action: (typeof actions)[number];
+  time: number;
+  message: string;
+  load?: number;
+  units?: string;
 }
 
 export const verdictLevels = ["ok", "caution", "reject"] as const;

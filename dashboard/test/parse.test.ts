@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { asStepLine, EventParser, parseStates } from "../src/parse";
+import { actionWords } from "../src/specs";
 import { entryWords } from "../src/logbook_panel";
 import { asAlarm, asEntry, asFields, asMesh, asModel, asQuarantine, asSamples, asSensors, asStatus } from "../src/wire";
 import { stepLine } from "./support";
@@ -18,6 +19,17 @@ test("a verdict is taken with its levels and messages, or not at all", () => {
   assert.equal(asStepLine({ ...stepLine(1), verdict: { level: "perhaps" } })?.verdict, undefined);
   assert.deepEqual(asStatus({ state: "OK", structure: "perhaps" }), { state: "OK" });
   assert.equal(asStatus({ state: "OK", structure: "caution" })?.structure, "caution");
+});
+
+test("a decision is taken with its action and load, or not at all, and said in the load's units", () => {
+  const decision = { action: "load", time: 0.31, message: "why", load: 1.24e-4, units: "m", plan: [0.31] };
+  const taken = asStepLine({ ...stepLine(1), decision })?.decision;
+  assert.deepEqual(taken, { action: "load", time: 0.31, message: "why", load: 1.24e-4, units: "m" });
+  assert.equal(actionWords(taken!), "load to 0.124 mm");
+  assert.equal(actionWords({ action: "load", time: 0.31, message: "" }), "load to time 0.31");
+  assert.equal(actionWords({ action: "hold", time: 0.3, message: "", load: 1e-4, units: "m" }), "hold");
+  for (const wrong of [{ ...decision, action: "run" }, { ...decision, time: "1" }, 3, null])
+    assert.equal(asStepLine({ ...stepLine(1), decision: wrong })?.decision, undefined);
 });
 
 test("what is no line is refused, what is only incomplete is completed", () => {
