@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include "knothe/model/reduced/loading.hpp"
 #include "knothe/project/option_section.hpp"
 
 namespace knothe::project {
@@ -70,6 +71,11 @@ std::vector<F> read_forecasts(Values& values) {
   for (const std::string& name : values.children_of("forecast"))
     forecasts.push_back(read_forecast(values, name));
   return forecasts;
+}
+
+std::string forecast_units(const model::ModelContents& model, const F& specification) {
+  return specification.quantity == F::Quantity::output ? model::output_units(model, specification.output)
+                                                       : "m";
 }
 
 }  // namespace knothe::project

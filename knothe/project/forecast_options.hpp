@@ -1,8 +1,10 @@
 #pragma once
-/// @file The tables [forecast.NAME] of a project file. Private to this room.
+/// @file The tables [forecast.NAME] of a project file.
+#include <string>
 #include <vector>
 
 #include "knothe/assimilation/forecast/forecaster.hpp"
+#include "knothe/model/reduced/model_file.hpp"
 
 namespace knothe::project {
 
@@ -10,5 +12,9 @@ struct Values;
 
 /// All of them; complains of what they lack.
 [[nodiscard]] std::vector<assimilation::ForecastSpecification> read_forecasts(Values& values);
+
+/// The unit of a forecast's values; empty: none.
+[[nodiscard]] std::string forecast_units(const model::ModelContents& model,
+                                         const assimilation::ForecastSpecification& specification);
 
 }  // namespace knothe::project

@@ -157,9 +157,9 @@ void FolderWatch::tell_of_what_is_left(const Folder& folder) {
                    files.folder(), files.trouble()));
   tell("names", files.foreign().empty() ? "" : "info",
        fmt::format("{} is not taken: {}", files.path(files.foreign()),
-                   folder.source == k_csv_source
-                       ? "tables have names that end in .csv"
-                       : "pictures have names that end in .tif, .png, .bmp, .pgm or .jpg"));
+                   folder.source == k_csv_source ? "tables have names that end in .csv"
+                                                 : fmt::format("pictures have names that end in {}",
+                                                               fmt::join(files::picture_endings(), ", "))));
 }
 
 /// One file after the other: whatever is wrong with one, the next has its turn.
