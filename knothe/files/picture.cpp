@@ -153,16 +153,37 @@ Picture read_bmp(const std::string& path, const std::string& bytes, Colour colou
   return picture;
 }
 
-bool begins_with(const std::string& bytes, const std::string& magic) {
-  return bytes.compare(0, magic.size(), magic) == 0;
+/// How files of a format end and begin, and who reads them (a TIFF, for its pages, from the file itself).
+struct Format {
+  std::string_view name;
+  std::vector<std::string_view> endings, begins;
+  Picture (*read)(const std::string& path, const std::string& bytes, Colour colour, std::int64_t max_pixels);
+};
+
+const std::vector<Format>& formats() {
+  using namespace std::string_view_literals;
+  static const std::vector<Format> k_formats{
+      {"TIFF", {".tif", ".tiff"}, {"II*\0"sv, "MM\0*"sv, "II+\0"sv, "MM\0+"sv}, nullptr},
+      {"PNG", {".png"}, {"\x89PNG"}, read_png},
+      {"JPEG", {".jpg", ".jpeg"}, {"\xFF\xD8\xFF"}, read_jpeg},
+      {"BMP", {".bmp"}, {"BM"}, read_bmp},
+      {"PGM", {".pgm"}, {"P2", "P3", "P5", "P6"}, read_pgm},
+  };
+  return k_formats;
 }
 
-/// Which libtiff reads from the file itself.
+/// Null where it is none of them.
+const Format* format_of(std::string_view bytes) {
+  for (const Format& format : formats())
+    for (const std::string_view begin : format.begins)
+      if (bytes.starts_with(begin)) return &format;
+  return nullptr;
+}
+
 bool is_tiff(const std::string& path) {
-  std::string magic(4, '\0');
-  std::ifstream(path, std::ios::binary).read(magic.data(), 4);
-  return begins_with(magic, {"II*\0", 4}) || begins_with(magic, {"MM\0*", 4}) ||
-         begins_with(magic, {"II+\0", 4}) || begins_with(magic, {"MM\0+", 4});
+  std::string begin(4, '\0');
+  std::ifstream(path, std::ios::binary).read(begin.data(), 4);
+  return format_of(begin) == formats().data();
 }
 
 }  // namespace
@@ -242,12 +263,21 @@ Picture read_picture(const std::string& name, Colour colour, std::int64_t max_pi
   }
   if (bytes.size() < 8)
     fail(path, bytes.empty() ? "the file is empty" : "the file is too short for a picture");
-  if (begins_with(bytes, "\x89PNG")) return read_png(path, bytes, colour, max_pixels);
-  if (begins_with(bytes, "\xFF\xD8\xFF")) return read_jpeg(path, bytes, colour, max_pixels);
-  if (begins_with(bytes, "BM")) return read_bmp(path, bytes, colour, max_pixels);
-  for (const char* kind : {"P2", "P3", "P5", "P6"})
-    if (begins_with(bytes, kind)) return read_pgm(path, bytes, colour, max_pixels);
-  fail(path, "unsupported picture format; TIFF, PNG, JPEG, BMP and PGM can be read");
+  if (const Format* format = format_of(bytes)) return format->read(path, bytes, colour, max_pixels);
+  std::vector<std::string_view> names;
+  for (const Format& known : formats()) names.push_back(known.name);
+  fail(path, fmt::format("unsupported picture format; {} and {} can be read",
+                         fmt::join(names.begin(), names.end() - 1, ", "), names.back()));
+}
+
+const std::vector<std::string>& picture_endings() {
+  static const std::vector<std::string> k_endings = [] {
+    std::vector<std::string> all;
+    for (const Format& format : formats())
+      all.insert(all.end(), format.endings.begin(), format.endings.end());
+    return all;
+  }();
+  return k_endings;
 }
 
 }  // namespace knothe::files

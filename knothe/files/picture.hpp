@@ -43,6 +43,9 @@ constexpr auto names_of(Colour /*colour*/) {
 [[nodiscard]] Picture read_picture(const std::string& path, Colour colour = Colour::refuse,
                                    std::int64_t max_pixels = std::int64_t{1} << 32);
 
+/// What names of pictures end in: ".tif", ".tiff" and so on.
+[[nodiscard]] const std::vector<std::string>& picture_endings();
+
 /// Writes a grey TIFF of 8 or 16 bits (`bit_depth` ≤ 8: 8), rounding and clipping; atomic. Errors: IoError,
 /// UsageError for a value that is not finite.
 void write_tiff(const std::string& path, const Picture& picture);

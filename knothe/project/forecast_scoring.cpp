@@ -4,6 +4,8 @@
 #include <cmath>
 #include <optional>
 
+#include "knothe/project/forecast_options.hpp"
+
 namespace knothe::project {
 namespace {
 
@@ -46,12 +48,8 @@ assimilation::ForecastScores forecasts_to_score(const Project& project, const Up
     const auto row = row_of(f, setup);
     const auto time_index = time_of(f.horizon, setup);
     if (!row || !time_index || !(std[*row] > 0)) continue;
-    std::string units = "m";
-    for (const auto& output : setup.model.contents().outputs) {
-      if (f.quantity == Quantity::output && output.name == f.output) units = output.labels.units;
-    }
-    scores.wait_for(f.name, units, *setup.problem.model, *row, *time_index,
-                    std::hypot(std[*row], f.model_error_std));
+    scores.wait_for(f.name, forecast_units(setup.model.contents(), f), *setup.problem.model, *row,
+                    *time_index, std::hypot(std[*row], f.model_error_std));
   }
   return scores;
 }

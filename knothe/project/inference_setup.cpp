@@ -73,11 +73,9 @@ void set_up_chosen(const Project& project, const model::SeparatedModel& model, I
         "observations",
         "[observations] of a separated model needs \"dofs\" or \"output\": what was observed");
   try {
-    if (!o.output.empty())
-      setup.model = std::make_unique<model::SeparatedOutputModel>(model, o.output, o.steps);
-    else
-      setup.model = std::make_unique<model::SeparatedForwardModel>(model::observe_dofs(model, o.dofs),
-                                                                   o.steps, model.where());
+    setup.model = std::make_unique<model::SeparatedForwardModel>(
+        o.output.empty() ? model::observe_dofs(model, o.dofs) : model::observe_output(model, o.output),
+        o.steps, model.where());
   } catch (const UsageError& error) {
     const std::string text = error.what();
     throw project.error_at(text.find("step") != std::string::npos ? "observations.steps"

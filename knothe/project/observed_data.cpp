@@ -82,12 +82,12 @@ Eigen::MatrixXd effect_of_clock(const likelihood::Measurements& m, std::size_t c
   return effect;
 }
 
-/// The noise with the errors that observed series have at all times: what is shared by the values of one, and
-/// that their clocks are ahead by (they drift from the time `start` on). `clock`: the one that tells the
-/// model's time, `by_clock` and `expected` as in `effect_of_clock`.
-likelihood::NoiseModel with_shared_errors(const likelihood::Measurements& m, double start,
-                                          std::optional<std::size_t> clock, const Eigen::MatrixXd& by_clock,
-                                          const Eigen::MatrixXd& expected) {
+/// The noise with the errors that all data share: what the values of a series have in common, and what clocks
+/// are ahead by. `clock`: the one that tells the model's time, `by_clock` and `expected` as in
+/// `effect_of_clock`.
+likelihood::NoiseModel with_shared_errors(const Project& project, const model::SeparatedModel& model,
+                                          const likelihood::Measurements& m, std::optional<std::size_t> clock,
+                                          const Eigen::MatrixXd& by_clock, const Eigen::MatrixXd& expected) {
   const std::vector<std::string>& names = m.sensors.scalars;
   const Eigen::Index displacements = m.values.rows() - std::ssize(names);
   std::vector<Eigen::MatrixXd> factors(m.time.size(), Eigen::MatrixXd(m.values.rows(), 0));
@@ -102,6 +102,9 @@ likelihood::NoiseModel with_shared_errors(const likelihood::Measurements& m, dou
     if (!std.empty()) errors.push_back({names[k], 1});
     for (std::size_t t = 0; t < std.size(); ++t) add_column(factors[t])(displacements + k) = std[t];
   }
+  // Of the data's own clock the first time; of the model's one that does not depend on what has come.
+  const std::vector<double>& times = project.clock.empty() ? model.contents().time : m.time;
+  const double start = times.empty() ? 0 : times.front();
   for (std::size_t c = 0; c < m.clocks.size(); ++c) {
     const likelihood::SeriesClock& of_source = m.clocks[c];
     const std::string whose = of_source.name.empty() ? "" : of_source.name + ".";
@@ -380,10 +383,7 @@ ObservedData observe_data(const Project& project, const model::SeparatedModel& m
   if (!m.clocks.empty() && project.clock.empty() && project.known.empty())
     expected = likelihood::mean_rates(model::rates_at_times(*data.observed, m.time),
                                       *likelihood::truncated_to_box(*data.observed, priors));
-  // Of the data's own clock the first time; of the model's one that does not depend on what has come.
-  const std::vector<double>& times = project.clock.empty() ? model.contents().time : m.time;
-  const double start = times.empty() ? 0 : times.front();
-  m.noise = with_shared_errors(m, start, by_clock.clock, by_clock.rate, expected);
+  m.noise = with_shared_errors(project, model, m, by_clock.clock, by_clock.rate, expected);
   m.noise = with_motion(project.fields, m);
   return data;
 }

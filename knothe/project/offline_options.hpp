@@ -39,7 +39,7 @@ constexpr auto names_of(DamageRegularisation /*regularisation*/) {
 enum class SofteningLaw {
   brittle,      ///< Rubio et al. 2019, Eq. 29: like 1 / opening
   exponential,  ///< f_t exp(-f_t w / G_f), of a crack band
-  bilinear      ///< two straight lines (Petersson 1981), of a crack band
+  bilinear,     ///< two straight lines (Petersson 1981), of a crack band
 };
 
 constexpr auto names_of(SofteningLaw /*law*/) {

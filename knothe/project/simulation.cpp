@@ -96,7 +96,7 @@ likelihood::Measurements measured_series(const Project& project, const Simulated
   for (std::size_t i = 0; i < chosen.size(); ++i) {
     const Eigen::VectorXd series = m.values.row(i);
     const model::Quantity& quantity = simulated.quantities[chosen[i]];
-    m.series[quantity.name] = {{series.begin(), series.end()}, std[i], {}, quantity.units};
+    m.series[quantity.name] = {{series.begin(), series.end()}, std[i], {}, quantity.units, {}, {}};
   }
   m.values.resize(0, m.values.cols());
   m.noise = likelihood::NoiseModel::independent(Eigen::VectorXd());

@@ -36,6 +36,21 @@ class JsonObject {
   [[nodiscard]] JsonObject member(const std::string& key, const nlohmann::json& value) const {
     return {value, where_, path_ + '"' + key + "\": "};
   }
+  /// The objects under `key` with their names; none where it is absent.
+  [[nodiscard]] std::vector<std::pair<std::string, JsonObject>> named(const char* key) const {
+    std::vector<std::pair<std::string, JsonObject>> all;
+    if (!has(key)) return all;
+    const JsonObject group = object(key);
+    for (const auto& [name, entry] : group.value().items()) all.emplace_back(name, group.member(name, entry));
+    return all;
+  }
+  /// The objects of a list.
+  [[nodiscard]] std::vector<JsonObject> list(const char* key) const {
+    std::vector<JsonObject> all;
+    if (!at(key).is_array()) fail(fmt::format("\"{}\" must be a list", key));
+    for (const nlohmann::json& entry : at(key)) all.push_back(member(key, entry));
+    return all;
+  }
   [[nodiscard]] double number(const char* key) const {
     const nlohmann::json& v = at(key);
     if (!v.is_number() || !std::isfinite(v.get<double>()))

@@ -54,19 +54,10 @@ void read_watch(const JsonObject& line, Step& s) {
     s.monitor.alarm = monitor.at("alarm").is_boolean() && monitor.at("alarm").get<bool>();
     s.monitor.discrepancy = monitor.number_or("discrepancy", 0.0);
   }
-  if (line.has("nuisances")) {
-    const JsonObject nuisances = line.object("nuisances");
-    for (const auto& [name, value] : nuisances.value().items()) {
-      const JsonObject error = nuisances.member(name, value);
-      s.lasting_errors.push_back({name, error.number("mean"), error.number("std")});
-    }
-  }
-  if (!line.has("models")) return;
-  const JsonObject models = line.object("models");
-  for (const auto& [name, value] : models.value().items()) {
-    const JsonObject m = models.member(name, value);
+  for (const auto& [name, error] : line.named("nuisances"))
+    s.lasting_errors.push_back({name, error.number("mean"), error.number("std")});
+  for (const auto& [name, m] : line.named("models"))
     s.models[name] = {m.number("probability"), m.number("log_evidence"), m.number("log_bayes_factor")};
-  }
 }
 
 assimilation::Verdict verdict_of(const JsonObject& verdict) {
@@ -77,9 +68,7 @@ assimilation::Verdict verdict_of(const JsonObject& verdict) {
     return *value;
   };
   assimilation::Verdict v;
-  if (!verdict.at("reasons").is_array()) verdict.fail("\"reasons\" must be a list");
-  for (const json& entry : verdict.at("reasons")) {
-    const JsonObject r = verdict.member("reasons", entry);
+  for (const JsonObject& r : verdict.list("reasons")) {
     assimilation::VerdictReason reason;
     reason.part = word(r, "code", reason.part);
     reason.level = word(r, "level", reason.level);
@@ -112,16 +101,9 @@ Step step_of(const JsonObject& line) {
   s.update_us = elapsed.number("update");
   s.forecast_us = elapsed.number_or("forecast", 0.0);
   s.total_us = elapsed.number("total");
-  if (line.has("marginals")) {
-    const JsonObject marginals = line.object("marginals");
-    for (const auto& [name, value] : marginals.value().items())
-      s.marginals[name] = density_of(marginals.member(name, value), "points", "density");
-  }
-  if (line.has("forecast")) {
-    const JsonObject forecasts = line.object("forecast");
-    for (const auto& [name, value] : forecasts.value().items())
-      s.forecast[name] = forecast_of(forecasts.member(name, value));
-  }
+  for (const auto& [name, marginal] : line.named("marginals"))
+    s.marginals[name] = density_of(marginal, "points", "density");
+  for (const auto& [name, forecast] : line.named("forecast")) s.forecast[name] = forecast_of(forecast);
   return s;
 }
 
@@ -169,30 +151,22 @@ std::string prior_in_words(const JsonObject& parameter) {
 
 void read_parameters(const JsonObject& summary, Results& results) {
   if (!summary.has("parameters")) return;
-  const json& list = summary.at("parameters");
-  if (!list.is_array()) summary.fail("\"parameters\" must be a list");
-  for (const auto& entry : list) {
-    const JsonObject p = summary.member("parameters", entry);
+  for (const JsonObject& p : summary.list("parameters"))
     results.parameters.push_back({p.text_or("name"), prior_in_words(p), p.optional_number("lower"),
                                   p.optional_number("upper"), p.optional_number("reference"),
                                   p.text_or("units"), p.optional_number("truth")});
-  }
 }
 
 void read_residuals(const JsonObject& summary, Residuals& r) {
   if (!summary.has("residuals")) return;
   const JsonObject entry = summary.object("residuals");
-  if (entry.has("series")) {
-    const JsonObject list = entry.object("series");
-    for (const auto& [name, value] : list.value().items()) {
-      const JsonObject fit = list.member(name, value);
-      SeriesFit& series = r.series[name];
-      series.units = fit.text_or("units");
-      series.std = fit.number("std");
-      series.step = fit.numbers("step");
-      series.measured = fit.numbers("measured", series.step.size());
-      series.predicted = fit.numbers("predicted", series.step.size());
-    }
+  for (const auto& [name, fit] : entry.named("series")) {
+    SeriesFit& series = r.series[name];
+    series.units = fit.text_or("units");
+    series.std = fit.number("std");
+    series.step = fit.numbers("step");
+    series.measured = fit.numbers("measured", series.step.size());
+    series.predicted = fit.numbers("predicted", series.step.size());
   }
   if (!entry.has("step")) return;
   for (const double step : entry.numbers("step")) r.step.push_back(step);
@@ -231,26 +205,15 @@ void read_summary(const std::string& path, Results& results) {
     const JsonObject r = summary.object("refinement");
     results.refinement = {r.number("full_order_runs"), r.number("version"), r.number("moved_std")};
   }
-  if (summary.has("input_errors")) {
-    for (const json& value : summary.at("input_errors")) {
-      const JsonObject e = summary.member("input_errors", value);
+  if (summary.has("input_errors"))
+    for (const JsonObject& e : summary.list("input_errors"))
       results.input_shifts.push_back({e.text_or("input"), e.number("relative"), e.boolean("limited"),
                                       e.vector("shift"), e.vector("shift_std")});
-    }
-  }
-  if (summary.has("prior_marginals")) {
-    const JsonObject marginals = summary.object("prior_marginals");
-    for (const auto& [name, entry] : marginals.value().items())
-      results.prior_marginals[name] = density_of(marginals.member(name, entry), "points", "density");
-  }
-  if (summary.has("forecasts")) {
-    const JsonObject forecasts = summary.object("forecasts");
-    for (const auto& [name, entry] : forecasts.value().items()) {
-      const JsonObject f = forecasts.member(name, entry);
-      results.forecasts[name] = {f.text_or("quantity"), f.optional_number("horizon"),
-                                 f.optional_number("threshold"), f.text_or("unit")};
-    }
-  }
+  for (const auto& [name, marginal] : summary.named("prior_marginals"))
+    results.prior_marginals[name] = density_of(marginal, "points", "density");
+  for (const auto& [name, f] : summary.named("forecasts"))
+    results.forecasts[name] = {f.text_or("quantity"), f.optional_number("horizon"),
+                               f.optional_number("threshold"), f.text_or("unit")};
   read_residuals(summary, results.residuals);
   if (summary.has("draws"))
     for (const ParameterSummary& parameter : results.parameters)

@@ -20,6 +20,7 @@
 #include "knothe/model/reduced/time_interpolation.hpp"
 #include "knothe/numerics/statistics/distinct_draws.hpp"
 #include "knothe/posterior/quadrature/marginal_density.hpp"
+#include "knothe/project/forecast_options.hpp"
 #include "knothe/record/json_values.hpp"
 #include "knothe/record/physical_parameters.hpp"
 #include "knothe/record/posterior_file.hpp"
@@ -279,17 +280,12 @@ void ResultsWriter::write_summary(const std::string& path, double elapsed_s) con
                                                                   {"density", prior.density}};
   }
   if (!steps_.empty()) summary["draws"] = last_draws();
-  static constexpr const char* k_quantities[] = {"crack_length", "displacement", "output"};
   for (const assimilation::ForecastSpecification& f : project_.forecasts) {
     Json& entry = summary["forecasts"][f.name];
-    entry = {{"quantity", k_quantities[static_cast<int>(f.quantity)]}, {"horizon", f.horizon}};
+    entry = {{"quantity", to_text(f.quantity)}, {"horizon", f.horizon}};
     if (f.threshold) entry["threshold"] = *f.threshold;
-    entry["unit"] = "m";
-    if (f.quantity != assimilation::ForecastSpecification::Quantity::output) continue;
-    entry["output"] = f.output;
-    for (const auto& output : model_.contents().outputs) {
-      if (output.name == f.output) entry["unit"] = output.labels.units;
-    }
+    entry["unit"] = project::forecast_units(model_.contents(), f);
+    if (!f.output.empty()) entry["output"] = f.output;
   }
   if (!refinement_.is_null()) summary["refinement"] = refinement_;
   for (const assimilation::InputShift& shift : input_shifts_)

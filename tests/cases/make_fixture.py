@@ -37,3 +37,6 @@ else:
         run(KNOTHE, "offline", project, "-o", folder / "model.h5", "--study", "--json", stdout=study)
 run(KNOTHE, "simulate", project, "--model", folder / "model.h5", "-o", folder / "data.h5")
 run(os.environ["KNOTHE_DATA_TO_CSV"], folder / "data.h5", folder / "data.csv")
+if kind == "paper":
+    with open(folder / "lines.jsonl", "w") as lines:  # by maps, which several tests look at
+        run(KNOTHE, "assimilate", project, "--json", stdout=lines)

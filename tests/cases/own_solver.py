@@ -18,7 +18,7 @@ import unittest
 import urllib.request
 
 from dashboard import exit_status
-from support import KNOTHE, REPOSITORY, Case, by_form, python_with, write_csv
+from support import KNOTHE, REPOSITORY, Case, python_with, write_csv
 
 EXAMPLES = REPOSITORY / "examples"
 
@@ -516,8 +516,8 @@ with h5py.File("data.h5", "a") as f:
             return sum(-0.5 * ((float(entry["value"]) - solution[i // 6][3 * (nodes[i % 6] - 1) + 1]) / std) ** 2
                        for i, entry in enumerate(data))
 
-        # 121 runs: with nodes 1.1 standard deviations apart the rule is off by 1e-7 for a normal density; 49 runs, 1.8 apart: by 0.6 %.
-        weights = self.expect_posterior(lines[-1], log_likelihood, ["yield_stress", "flow_stress"], nodes=by_form(7, 11))
+        # With nodes 1.8 standard deviations apart the rule is off by 0.6 % for a normal density; the limit is 20 %.
+        weights = self.expect_posterior(lines[-1], log_likelihood, ["yield_stress", "flow_stress"], nodes=7)
         tip = points.index((0.12, 0.02, 0.01))
         self.expect_forecast(lines[-1], "tip", lambda *parameters: self.direct_run(*parameters)[19][3 * tip + 1], weights)
 

@@ -62,7 +62,7 @@ TEST(RandomPosteriors, SumsAlongTheChainAreOneGrid) {
 
 TEST(RandomPosteriors, WhatIsTrustedIsRight) {
   const char* text = std::getenv("KNOTHE_RANDOM_POSTERIORS");
-  const int count = text ? std::atoi(text) : knothe::test::by_form(6, 20);
+  const int count = text ? std::atoi(text) : knothe::test::by_form(6, 12);
   Tally tally;
   for (int i = 0; i < count; ++i)
     check_posteriors(test::RandomPosterior(3 + i % 6, 1000 + static_cast<unsigned>(i)), tally);

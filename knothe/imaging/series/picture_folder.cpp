@@ -28,9 +28,7 @@ bool is_jpeg(const fs::path& path) {
 }
 
 bool is_picture(const fs::path& path) {
-  const std::string extension = files::extension_of(path);
-  return extension == ".tif" || extension == ".tiff" || extension == ".png" || extension == ".bmp" ||
-         extension == ".pgm" || is_jpeg(path);
+  return std::ranges::count(files::picture_endings(), files::extension_of(path)) > 0;
 }
 
 /// The digits from `at` on, without leading zeros; `at` moves behind them.
@@ -145,9 +143,9 @@ PictureFolder list_pictures(const std::string& folder, const std::vector<std::st
   });
   if (result.pictures.empty())
     throw DataError(fmt::format(
-        "{}: error: the folder holds {} pictures (.tif, .tiff, .png, .bmp, .pgm, .jpg): a reference "
-        "and at least one deformed picture are needed",
-        folder, names.size()));
+        "{}: error: the folder holds {} pictures ({}): a reference and at least one deformed picture are "
+        "needed",
+        folder, names.size(), fmt::join(files::picture_endings(), ", ")));
   return result;
 }
 

@@ -8,6 +8,10 @@
 
 namespace knothe::model {
 
+/// An output (a reaction force, …) in place of displacements: w are its values at the model's times.
+/// UsageError for one that is not there.
+[[nodiscard]] ObservedModel observe_output(const SeparatedModel& model, const std::string& name);
+
 /// f = b + A w(p) with all steps stacked: step after step, in each the observed dofs in their order.
 class SeparatedForwardModel final : public ForwardModel {
  public:
@@ -38,33 +42,6 @@ class SeparatedForwardModel final : public ForwardModel {
   Eigen::VectorXd offset_;  ///< b, m
   std::string where_;
   FunctionBatch batch_;
-};
-
-/// One of the model's outputs (reaction force, …) at chosen time steps.
-class SeparatedOutputModel final : public ForwardModel {
- public:
-  /// Errors: UsageError for an output or a step that is not there.
-  SeparatedOutputModel(SeparatedModel model, std::string output, std::vector<std::size_t> steps);
-
-  [[nodiscard]] Eigen::Index dimension() const override { return model_.dimension(); }
-  [[nodiscard]] Eigen::Index output_count() const override { return std::ssize(steps_); }
-  [[nodiscard]] std::string where() const override { return model_.where(); }
-  [[nodiscard]] bool is_cheap() const override { return true; }
-  [[nodiscard]] bool has_jacobian() const override { return true; }
-  [[nodiscard]] bool has_hessian() const override { return true; }
-  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::Ref<Eigen::MatrixXd> values) override;
-  void jacobian(const Eigen::Ref<const Eigen::MatrixXd>& points,
-                Eigen::Ref<Eigen::MatrixXd> jacobians) override;
-  void hessian(const Eigen::Ref<const Eigen::MatrixXd>& points,
-               const Eigen::Ref<const Eigen::MatrixXd>& sensitivities,
-               Eigen::Ref<Eigen::MatrixXd> hessians) override;
-
- private:
-  [[nodiscard]] FieldDerivatives at(const Eigen::Ref<const Eigen::VectorXd>& point, int derivatives) const;
-
-  SeparatedModel model_;
-  std::string output_;
-  std::vector<std::size_t> steps_;
 };
 
 }  // namespace knothe::model

@@ -47,9 +47,9 @@ TEST(SeparatedForwardModel, StepsAreStackedInBothForms) {
   }
 }
 
-TEST(SeparatedOutputModel, IsTheOutputAtItsSteps) {
+TEST(SeparatedForwardModel, OfAnOutputIsTheOutputAtItsSteps) {
   const SeparatedModel judge(random_contents(Form::tree));
-  SeparatedOutputModel model(judge, "force", {3, 0});
+  SeparatedForwardModel model(observe_output(judge, "force"), {3, 0}, "M");
   const Eigen::Vector2d p(0.8, 1.1);
   Eigen::MatrixXd value(2, 1), jacobian(4, 1), hessian(4, 1);
   model.evaluate(p, value);
@@ -79,8 +79,8 @@ TEST(SeparatedForwardModel, WhatIsNotThereIsNamed) {
   };
   EXPECT_EQ(message([&] { SeparatedForwardModel(observe_dofs(model, k_dofs), {4}, "M.h5"); }),
             "M.h5: there is no step 4: the model has steps 0 to 3");
-  EXPECT_EQ(message([&] { SeparatedOutputModel(model, "farce", {0}); }),
-            "M.h5: the model has no output \"farce\" (did you mean \"force\"?); it has force");
+  EXPECT_EQ(message([&] { (void)observe_output(model, "farce"); }),
+            "M.h5 has no output \"farce\" (did you mean \"force\"?); it has force");
 }
 
 }  // namespace

@@ -4,12 +4,10 @@
 
 #include <algorithm>
 
-#include "knothe/base/error.hpp"
 #include "knothe/base/index.hpp"
-#include "knothe/base/text.hpp"
 #include "knothe/model/compress/low_rank.hpp"
 #include "knothe/model/reduced/model_matrices.hpp"
-#include "knothe/model/reduced/spline_functions.hpp"
+#include "knothe/model/reduced/outputs.hpp"
 
 namespace knothe::model {
 namespace {
@@ -23,22 +21,15 @@ struct SeparatedOutput {
 
 SeparatedOutput separate(const SeparatedModel& model, const std::string& name) {
   const ModelContents& contents = model.contents();
-  const auto found = std::find_if(contents.outputs.begin(), contents.outputs.end(),
-                                  [&](const SnapshotOutput& output) { return output.name == name; });
-  if (found == contents.outputs.end()) {
-    const std::vector<std::string> names = model.output_names();
-    throw UsageError(fmt::format("{} has no output \"{}\"{}; it has {}", model.where(), name,
-                                 did_you_mean(name, names),
-                                 names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
-  }
+  const std::vector<double>& history = output_of(model, name).values;
   const auto times = std::ssize(contents.time);
-  const auto grid = std::ssize(found->values) / times;
-  Eigen::MatrixXd values = Eigen::Map<const Eigen::MatrixXd>(found->values.data(), times, grid);
+  const auto grid = std::ssize(history) / times;
+  Eigen::MatrixXd values = Eigen::Map<const Eigen::MatrixXd>(history.data(), times, grid);
   SeparatedOutput result;
   result.lift = values.rowwise().mean();
   values.colwise() -= result.lift;
   const double energy = values.squaredNorm();
-  if (energy <= 1e-24 * found->values.size() * result.lift.squaredNorm()) {  // the same for all parameters
+  if (energy <= 1e-24 * history.size() * result.lift.squaredNorm()) {  // the same for all parameters
     result.basis.resize(times, 0);
     result.functions.resize(0, grid);
     return result;
@@ -109,10 +100,8 @@ ObservedModel with_scalars(const ObservedModel& observed, const SeparatedModel& 
     values.middleRows(at, rank) = scale * output.functions;
     at += rank;
   }
-  std::vector<std::vector<double>> nodes;
-  for (const Axis& axis : model.contents().axes) nodes.push_back(axis.nodes);
-  result.functions =
-      std::make_shared<JointFunctions>(nodes, std::span(values.data(), values.size()), r + added);
+  result.functions = std::make_shared<JointFunctions>(nodes_of(model.contents().axes),
+                                                      std::span(values.data(), values.size()), r + added);
   return result;
 }
 

@@ -4,7 +4,7 @@
 
 #include "knothe/base/index.hpp"
 #include "knothe/model/compress/low_rank.hpp"
-#include "knothe/model/reduced/spline_functions.hpp"
+#include "knothe/model/reduced/outputs.hpp"
 #include "knothe/numerics/functions/cubic_spline.hpp"
 
 namespace knothe::model {
@@ -80,8 +80,7 @@ ObservedModel with_last_given(const ObservedModel& observed, std::span<const Axi
   const DominantSpace space = dominant_space(table, enough, 1, 1);
   const Eigen::MatrixXd basis = space.basis.leftCols(std::max<Index>(1, space.rank_for(enough)));
   const RowMatrix functions = basis.transpose() * table;
-  std::vector<std::vector<double>> nodes;
-  for (const Axis& axis : axes.first(axes.size() - 1)) nodes.push_back(axis.nodes);
+  const std::vector<std::vector<double>> nodes = nodes_of(axes.first(axes.size() - 1));
   ObservedModel result = observed;
   result.functions = std::make_shared<JointFunctions>(nodes, std::span(functions.data(), functions.size()),
                                                       functions.rows());

@@ -26,10 +26,4 @@ std::optional<Loading> loading_of(const SeparatedModel& model, const std::string
   return Loading{name, output_units(contents, name), contents.time, model.evaluate_output(name, p).value};
 }
 
-std::string output_units(const ModelContents& model, const std::string& name) {
-  for (const auto& output : model.outputs)
-    if (output.name == name) return output.labels.units;
-  return "";
-}
-
 }  // namespace knothe::model

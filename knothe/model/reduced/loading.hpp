@@ -22,6 +22,10 @@ struct Loading {
                                                 std::vector<double> p);
 
 /// Units of an output; empty where the model does not have it.
-[[nodiscard]] std::string output_units(const ModelContents& model, const std::string& name);
+[[nodiscard]] inline std::string output_units(const ModelContents& model, const std::string& name) {
+  for (const SnapshotOutput& output : model.outputs)
+    if (output.name == name) return output.labels.units;
+  return "";
+}
 
 }  // namespace knothe::model

@@ -9,9 +9,8 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/index.hpp"
-#include "knothe/base/text.hpp"
 #include "knothe/model/reduced/model_matrices.hpp"
-#include "knothe/model/reduced/spline_functions.hpp"
+#include "knothe/model/reduced/outputs.hpp"
 
 namespace knothe::model {
 
@@ -24,26 +23,12 @@ struct SeparatedModel::Implementation {
 
 namespace {
 
-std::vector<std::vector<double>> nodes_of(std::span<const Axis> axes) {
-  std::vector<std::vector<double>> nodes;
-  for (const Axis& axis : axes) nodes.push_back(axis.nodes);
-  return nodes;
-}
-
 std::shared_ptr<const ParameterFunctions> make_functions(const ModelContents& contents) {
   const auto nodes = nodes_of(contents.axes);
   const Index r = contents.parameter_modes;
   if (contents.form == Form::canonical)
     return std::make_shared<CanonicalFunctions>(nodes, contents.parameters, r);
   return std::make_shared<JointFunctions>(nodes, contents.joint, r);
-}
-
-/// An output's values [grid, n_t] become n_t functions on the grid.
-JointFunctions make_output(const ModelContents& contents, const SnapshotOutput& output) {
-  const auto times = std::ssize(contents.time);
-  const auto grid = std::ssize(output.values) / times;
-  const RowMatrix by_time = Eigen::Map<const RowMatrix>(output.values.data(), grid, times).transpose();
-  return JointFunctions(nodes_of(contents.axes), std::span(by_time.data(), by_time.size()), times);
 }
 
 /// A named dof as an output, from the model at the nodes of the grid.
@@ -167,7 +152,7 @@ SeparatedModel::SeparatedModel(ModelContents contents, const std::string& where)
   implementation->where = where;
   implementation->functions = make_functions(contents);
   for (const SnapshotOutput& output : contents.outputs) {
-    implementation->outputs.emplace(output.name, make_output(contents, output));
+    implementation->outputs.emplace(output.name, functions_of(contents, output));
   }
   implementation->contents = std::move(contents);
   implementation_ = std::move(implementation);
@@ -253,13 +238,8 @@ FieldDerivatives SeparatedModel::evaluate(std::span<const double> p, std::size_t
 
 FieldDerivatives SeparatedModel::evaluate_output(const std::string& name, std::span<const double> p,
                                                  int derivatives) const {
-  const auto found = implementation_->outputs.find(name);
-  if (found == implementation_->outputs.end()) {
-    const std::vector<std::string> names = output_names();
-    throw UsageError(fmt::format("the model has no output {}{}; it has: {}", name, did_you_mean(name, names),
-                                 names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
-  }
-  const FunctionBatch w = evaluate_functions(found->second, point_in_box(p, contents()), derivatives);
+  const JointFunctions& functions = implementation_->outputs.at(output_of(*this, name).name);
+  const FunctionBatch w = evaluate_functions(functions, point_in_box(p, contents()), derivatives);
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(step_count());
   return assemble(w, dimension(), derivatives, zero,
                   [](const RowMatrix& row) -> Eigen::VectorXd { return row.transpose(); });

@@ -200,19 +200,21 @@ BandDamage exponential_damage(double rate, const DamageParameters& parameters, d
   return {x / s, (growth - x / s) / s / (2 * s * parameters.threshold)};
 }
 
-/// A straight line of the bilinear law: stress / f_t = at_0 - fall v, v = f_t w / G_f, up to v = end.
+/// Stress / f_t = at_0 - fall v, v = f_t w / G_f, up to v = end.
 struct SofteningLine {
   double at_0, fall, end;
 };
 constexpr SofteningLine k_petersson[] = {{1, 5.0 / 6, 0.8}, {3.0 / 7, 5.0 / 42, 3.6}};
 
-/// `band_damage` of the bilinear law: the root of s - x = at_0 - fall q x, of the line on which it lies.
-BandDamage bilinear_damage(double rate, const DamageParameters& parameters, double r) {
+/// `band_damage` of a law of straight lines: the root of s - x = at_0 - fall q x, of the line on which it
+/// lies.
+template <const auto& lines>
+BandDamage straight_damage(double rate, const DamageParameters& parameters, double r) {
   constexpr double k_max_damage = 1 - 1e-9;  // an element that bears nothing has no stiffness either
   if (!(rate > parameters.threshold) || !(parameters.threshold > 0)) return {};
   const double s = std::sqrt(rate / parameters.threshold);
   const double q = parameters.brittleness * parameters.threshold / r;
-  for (const SofteningLine& line : k_petersson) {
+  for (const SofteningLine& line : lines) {
     const double growth = 1 / (1 - line.fall * q), x = (s - line.at_0) * growth;  // growth: dx/ds
     if (q * x > line.end || x > k_max_damage * s) continue;
     return {x / s, (growth - x / s) / s / (2 * s * parameters.threshold)};
@@ -220,11 +222,28 @@ BandDamage bilinear_damage(double rate, const DamageParameters& parameters, doub
   return {k_max_damage, 0};
 }
 
+/// A law of stress against opening: its `band_damage`, and -d(stress / f_t) / dv where the crack begins.
+struct OpeningLaw {
+  SofteningLaw law;
+  BandDamage (*damage)(double rate, const DamageParameters& parameters, double r);
+  double first_fall;
+};
+constexpr OpeningLaw k_opening_laws[] = {
+    {SofteningLaw::exponential, exponential_damage, 1},
+    {SofteningLaw::bilinear, straight_damage<k_petersson>, k_petersson[0].fall},
+};
+
+/// Null for the brittle law.
+const OpeningLaw* opening_law(SofteningLaw law) {
+  for (const OpeningLaw& known : k_opening_laws)
+    if (known.law == law) return &known;
+  return nullptr;
+}
+
 }  // namespace
 
 BandDamage band_damage(double rate, const DamageParameters& parameters, double r) {
-  if (parameters.law == SofteningLaw::bilinear) return bilinear_damage(rate, parameters, r);
-  if (parameters.law == SofteningLaw::exponential) return exponential_damage(rate, parameters, r);
+  if (const OpeningLaw* law = opening_law(parameters.law)) return law->damage(rate, parameters, r);
   const double first = parameters.brittleness * (rate - parameters.threshold);
   if (!(first > 0)) return {};
   if (r == 1) {
@@ -257,8 +276,7 @@ BandDamage band_damage(double rate, const DamageParameters& parameters, double r
 double smallest_band_ratio(const DamageParameters& parameters) {
   // g(a) = d(d ε_r)/dε_r = (a² + 3 a + 2 b) / (1 + a)², a = A_d (Y - Y₀), b = A_d Y₀; largest at a = 3 - 4 b.
   const double b = parameters.brittleness * parameters.threshold;
-  if (parameters.law == SofteningLaw::exponential) return b;
-  if (parameters.law == SofteningLaw::bilinear) return k_petersson[0].fall * b;
+  if (const OpeningLaw* law = opening_law(parameters.law)) return law->first_fall * b;
   const double a = std::max(3 - 4 * b, 0.0);
   return 1 - (1 + a) * (1 + a) / (a * a + 3 * a + 2 * b);
 }

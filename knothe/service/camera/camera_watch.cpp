@@ -33,27 +33,10 @@ CameraWatch::CameraWatch(std::shared_ptr<Site> site, Metrics& metrics, Open open
       options_(site_->project().serve.camera),
       metrics_(metrics),
       open_(std::move(open)),
-      intake_(site_, [this](double seconds) { return wait(seconds); }) {
+      intake_(site_, [this](double seconds) { return thread_.wait(seconds); }) {
   for (const char* what : {"frames", "incomplete_frames", "lost_frames", "reconnects"}) count(what, 0);
   metrics_.set("knothe_camera_connected", site_labels(site_->name()), 0);
-  pulse_ = site_->health().pulses().add("the watch of the camera", k_max_frame);
-  thread_ = std::thread([this] { run(); });
-}
-
-CameraWatch::~CameraWatch() {
-  {
-    const std::lock_guard lock(mutex_);
-    ending_ = true;
-  }
-  end_.notify_all();
-  thread_.join();
-}
-
-/// Of the thread alone: who waits for others is alive.
-bool CameraWatch::wait(double seconds) {
-  pulse_->beat();
-  std::unique_lock lock(mutex_);
-  return !end_.wait_for(lock, std::chrono::duration<double>(seconds), [&] { return ending_; });
+  thread_.begin(site_->health().pulses().add("the watch of the camera", k_max_frame), [this] { run(); });
 }
 
 void CameraWatch::count(const std::string& what, double by) {
@@ -64,10 +47,10 @@ void CameraWatch::count(const std::string& what, double by) {
 
 void CameraWatch::run() {
   while (!site_->journal().ready())
-    if (!wait(k_look_every)) return;
+    if (!thread_.wait(k_look_every)) return;
   numbers_ = FrameNumbers(last_in_journal());
   prepare_folder();
-  pulse_->beat();
+  thread_.beat();
   do {
     try {
       if (!source_) connect();
@@ -75,7 +58,7 @@ void CameraWatch::run() {
     } catch (const std::exception& error) {
       lose(error.what());
     }
-  } while (wait(source_ ? 0 : k_try_every));
+  } while (thread_.wait(source_ ? 0 : k_try_every));
   source_.reset();
 }
 
@@ -188,7 +171,7 @@ void CameraWatch::report_gap(const FrameNumbers::Place& place, const FrameNumber
 void CameraWatch::record_missing(const FrameNumbers::Place& place, const FrameNumbers::Numbered& before) {
   count("lost_frames", place.absent);
   bool counts = false;
-  for (std::int64_t i = 1; i <= place.absent && wait(0); ++i) {
+  for (std::int64_t i = 1; i <= place.absent && thread_.wait(0); ++i) {
     const auto stamp = stamp_of(FrameNumbers::absent(place, before, i));
     if (!stamp) continue;
     counts = true;
@@ -211,7 +194,7 @@ void CameraWatch::ingest_picture(const FrameNumbers::Numbered& frame, const file
 /// Until it is on disk, or it is time to end: then it is one of those that were not seen.
 void CameraWatch::store(Measurement datum, const Intake::PictureStamp& stamp) {
   while (intake_.store(datum, stamp.name) == Intake::StoreOutcome::again)
-    if (!wait(k_look_every)) return;
+    if (!thread_.wait(k_look_every)) return;
   note_kept(stamp);
 }
 

@@ -1,14 +1,12 @@
 #pragma once
 /// @file The frames of a camera, taken in as the pictures of a watched folder are: measured, then journal
 /// first.
-#include <condition_variable>
 #include <functional>
 #include <memory>
-#include <mutex>
-#include <thread>
 
 #include "knothe/service/camera/frame_numbers.hpp"
 #include "knothe/service/site/intake.hpp"
+#include "knothe/service/site/watch_thread.hpp"
 
 namespace knothe::service {
 
@@ -23,9 +21,6 @@ class CameraWatch {
 
   /// `open` connects, IoError where it cannot; it is retried.
   CameraWatch(std::shared_ptr<Site> site, Metrics& metrics, Open open);
-  ~CameraWatch();
-  CameraWatch(const CameraWatch&) = delete;
-  CameraWatch& operator=(const CameraWatch&) = delete;
 
  private:
   void run();
@@ -45,8 +40,6 @@ class CameraWatch {
   void save_picture(const Intake::PictureStamp& stamp, const files::Picture& picture);
   void note_kept(const Intake::PictureStamp& stamp);
   void count(const std::string& what, double by = 1);
-  /// False when it is time to end.
-  bool wait(double seconds);
 
   std::shared_ptr<Site> site_;
   const project::CameraOptions& options_;
@@ -58,11 +51,7 @@ class CameraWatch {
   bool was_connected_ = false, is_over_ = false;
   std::string said_;        ///< why it is away
   std::string incomplete_;  ///< what was wrong with the last incomplete frame since a whole one
-  std::mutex mutex_;
-  std::condition_variable end_;
-  bool ending_ = false;
-  std::shared_ptr<Pulse> pulse_;
-  std::thread thread_;
+  WatchThread thread_;
 };
 
 }  // namespace knothe::service

@@ -111,35 +111,18 @@ bool FolderWatch::is_wanted(const project::Project& project) {
 }
 
 FolderWatch::FolderWatch(std::shared_ptr<Site> site)
-    : site_(std::move(site)), intake_(site_, [this](double seconds) { return wait(seconds); }) {
+    : site_(std::move(site)), intake_(site_, [this](double seconds) { return thread_.wait(seconds); }) {
   for (const auto& [folder, source, wanted] : watched_by(site_->project()))
     folders_.push_back({source, SettledFiles(folder, site_->project().serve.settle, wanted, is_foreign)});
   const project::UpdateSetup& setup = site_->setup();
   const model::Sensors& sensors = setup.measurements.sensors;
   for (std::size_t i = 0; i < sensors.displacement_count(); ++i) sensor_at_[key_of(sensors, i)] = i;
-  pulse_ = site_->health().pulses().add("the watch of folders", k_max_file);
-  thread_ = std::thread([this] { run(); });
-}
-
-FolderWatch::~FolderWatch() {
-  {
-    const std::lock_guard lock(mutex_);
-    ending_ = true;
-  }
-  end_.notify_all();
-  thread_.join();
-}
-
-/// Of the thread alone: who waits for others is alive.
-bool FolderWatch::wait(double seconds) {
-  pulse_->beat();
-  std::unique_lock lock(mutex_);
-  return !end_.wait_for(lock, std::chrono::duration<double>(seconds), [&] { return ending_; });
+  thread_.begin(site_->health().pulses().add("the watch of folders", k_max_file), [this] { run(); });
 }
 
 void FolderWatch::run() {
   const double pause = std::min(k_look_every, 0.5 * site_->project().serve.settle);
-  while (wait(pause)) {
+  while (thread_.wait(pause)) {
     if (!site_->journal().ready()) continue;
     for (Folder& folder : folders_) ingest(folder);
   }
@@ -157,9 +140,9 @@ void FolderWatch::tell_of_what_is_left(const Folder& folder) {
                    files.folder(), files.trouble()));
   tell("names", files.foreign().empty() ? "" : "info",
        fmt::format("{} is not taken: {}", files.path(files.foreign()),
-                   folder.source == k_csv_source
-                       ? "tables have names that end in .csv"
-                       : "pictures have names that end in .tif, .png, .bmp, .pgm or .jpg"));
+                   folder.source == k_csv_source ? "tables have names that end in .csv"
+                                                 : fmt::format("pictures have names that end in {}",
+                                                               fmt::join(files::picture_endings(), ", "))));
 }
 
 /// One file after the other: whatever is wrong with one, the next has its turn.
@@ -167,7 +150,7 @@ void FolderWatch::ingest(Folder& folder) {
   const auto names = folder.files.new_files(SettledFiles::Clock::now());
   tell_of_what_is_left(folder);
   for (const std::string& name : names) {
-    pulse_->beat();
+    thread_.beat();
     JournalFile file{folder.source, name, "", FileOutcome::taken, -1};
     std::string trouble;
     StoreOutcome outcome = StoreOutcome::refused;
@@ -187,7 +170,7 @@ void FolderWatch::ingest(Folder& folder) {
       if (!is_known(file)) site_->journal().note(file);
       folder.files.done(name);
     }
-    if (!wait(0)) return;
+    if (!thread_.wait(0)) return;
   }
 }
 

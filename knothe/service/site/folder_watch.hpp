@@ -2,16 +2,14 @@
 /// @file Pictures and CSV files that are left in folders, taken in as if they had been sent: measured, then
 /// journal first. The file in the folder is what is kept until its datum is in the journal.
 #include <array>
-#include <condition_variable>
 #include <map>
 #include <memory>
-#include <mutex>
-#include <thread>
 #include <vector>
 
 #include "knothe/service/site/intake.hpp"
 #include "knothe/service/site/settled_files.hpp"
 #include "knothe/service/site/site.hpp"
+#include "knothe/service/site/watch_thread.hpp"
 
 namespace knothe::service {
 
@@ -32,9 +30,6 @@ class FolderWatch {
  public:
   [[nodiscard]] static bool is_wanted(const project::Project& project);
   explicit FolderWatch(std::shared_ptr<Site> site);
-  ~FolderWatch();
-  FolderWatch(const FolderWatch&) = delete;
-  FolderWatch& operator=(const FolderWatch&) = delete;
 
  private:
   struct Place {
@@ -62,19 +57,13 @@ class FolderWatch {
   void tell_of_what_is_left(const Folder& folder);
   void tell_of_others(const Folder& folder, const std::string& name);
   [[nodiscard]] bool patient(const Folder& folder, const std::string& name) const;
-  /// False when it is time to end.
-  bool wait(double seconds);
 
   std::shared_ptr<Site> site_;
   Intake intake_;
   std::vector<Folder> folders_;
   std::map<std::array<double, 4>, std::size_t> sensor_at_;  ///< x, y, z, component → index
   bool told_of_others_ = false;
-  std::mutex mutex_;
-  std::condition_variable end_;
-  bool ending_ = false;
-  std::shared_ptr<Pulse> pulse_;
-  std::thread thread_;
+  WatchThread thread_;
 };
 
 }  // namespace knothe::service

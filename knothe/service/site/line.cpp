@@ -68,14 +68,6 @@ std::shared_ptr<Line> make_line(const assimilation::StepResult& step,
   return line;
 }
 
-std::string forecast_units(const model::ModelContents& model,
-                           const assimilation::ForecastSpecification& specification) {
-  if (specification.quantity != assimilation::ForecastSpecification::Quantity::output) return "m";
-  for (const auto& output : model.outputs)
-    if (output.name == specification.output) return output.labels.units;
-  return "";
-}
-
 bool is_informed(const Line& line, const std::vector<posterior::Prior>& priors) {
   if (line.samples.rows() < 2) return true;
   for (std::size_t k = 0; k < priors.size(); ++k) {

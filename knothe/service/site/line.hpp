@@ -42,10 +42,6 @@ struct Line {
   [[nodiscard]] bool is_biased() const { return !bias_corrected && !misfit_message.empty(); }
 };
 
-/// Units of a forecast's values; empty: none.
-[[nodiscard]] std::string forecast_units(const model::ModelContents& model,
-                                         const assimilation::ForecastSpecification& specification);
-
 /// Whether the data have told the line's parameters from their priors: before, a forecast is the priors'.
 [[nodiscard]] bool is_informed(const Line& line, const std::vector<posterior::Prior>& priors);
 

@@ -196,7 +196,7 @@ INSTANTIATE_TEST_SUITE_P(Blocks, RandomTargets, ::testing::Range(0, k_blocks));
 
 TEST_P(RandomTargets, NoPromiseThatFreshPointsDoNotConfirm) {
   const char* count_text = std::getenv("KNOTHE_RANDOM_TARGETS");
-  const int all = count_text != nullptr ? std::atoi(count_text) : knothe::test::by_form(80, 1000);
+  const int all = count_text != nullptr ? std::atoi(count_text) : knothe::test::by_form(80, 400);
   const int in_block = (all + k_blocks - 1) / k_blocks;
   const int first = GetParam() * in_block, count = std::min(all - first, in_block);
   if (count <= 0) GTEST_SKIP() << "all " << all << " targets are in the blocks before";
