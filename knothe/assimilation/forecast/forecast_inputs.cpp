@@ -5,14 +5,13 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/model/observe/observation_operator.hpp"
+#include "knothe/model/reduced/outputs.hpp"
 
 namespace knothe::assimilation {
 
 using model::SeparatedModel;
 
-LinearPrediction at_step(const model::ObservedModel& model, std::size_t step) {
-  return {model.lift.col(step), model.space * model.core[step]};
-}
+namespace {
 
 const model::SnapshotOutput& find_output(const SeparatedModel& model, const std::string& name,
                                          const std::string& forecast) {
@@ -24,20 +23,53 @@ const model::SnapshotOutput& find_output(const SeparatedModel& model, const std:
                               forecast, name, did_you_mean(name, names), fmt::join(names, ", ")));
 }
 
+/// A combination of displacements.
+LinearQuantity of_displacements(const SeparatedModel& model, const model::Dofs& dofs,
+                                const Eigen::VectorXd& weights, std::span<const TimePosition> instants) {
+  const model::ObservedModel observed = model::observe(model, dofs);
+  LinearQuantity quantity{model.functions(), Eigen::VectorXd(std::ssize(instants)),
+                          Eigen::MatrixXd(model.functions()->count(), std::ssize(instants)), "m"};
+  for (Index k = 0; k < std::ssize(instants); ++k) {
+    const LinearPrediction u =
+        interpolate(instants[k], at_step(observed, instants[k].lower), at_step(observed, instants[k].upper));
+    quantity.lift[k] = weights.dot(u.lift);
+    quantity.coefficients.col(k) = u.modes.transpose() * weights;
+  }
+  return quantity;
+}
+
+/// An output of the model, as functions of the parameters: one for each instant.
+LinearQuantity output_of(const SeparatedModel& model, const ForecastSpecification& specification,
+                         std::span<const TimePosition> instants) {
+  const model::SnapshotOutput& output = find_output(model, specification.output, specification.name);
+  const std::size_t times = model.contents().time.size();
+  std::vector<double> values;  // [instant, grid of the parameters]
+  for (const TimePosition& instant : instants)
+    for (std::size_t g = 0; g < output.values.size(); g += times)
+      values.push_back(
+          instant.interpolate(output.values[g + instant.lower], output.values[g + instant.upper]));
+  const Index n = std::ssize(instants);
+  return {std::make_shared<model::JointFunctions>(model::nodes_of(model.contents().axes), values, n),
+          Eigen::VectorXd::Zero(n), Eigen::MatrixXd::Identity(n, n), output.labels.units};
+}
+
+}  // namespace
+
+LinearPrediction at_step(const model::ObservedModel& model, std::size_t step) {
+  return {model.lift.col(step), model.space * model.core[step]};
+}
+
 std::vector<double> imposed_displacements(const SeparatedModel& model, const std::string& forecast) {
   const std::vector<double>& values = find_output(model, "imposed_displacement", forecast).values;
   return {values.begin(), values.begin() + std::ssize(model.contents().time)};
 }
 
-std::vector<std::vector<double>> axis_nodes(const SeparatedModel& model) {
-  std::vector<std::vector<double>> nodes;
-  for (const model::Axis& axis : model.contents().axes) nodes.push_back(axis.nodes);
-  return nodes;
-}
-
-model::ObservedModel observe_point(const SeparatedModel& model, const ForecastSpecification& specification) {
-  const std::int64_t component = specification.component;
-  return model::observe(model, {{specification.point.begin(), specification.point.end()}, {component}});
+LinearQuantity linear_quantity(const SeparatedModel& model, const ForecastSpecification& specification,
+                               std::span<const TimePosition> instants) {
+  using Quantity = ForecastSpecification::Quantity;
+  if (specification.quantity == Quantity::output) return output_of(model, specification, instants);
+  const auto [x, y, z] = specification.point;
+  return of_displacements(model, {{x, y, z}, {specification.component}}, Eigen::VectorXd::Ones(1), instants);
 }
 
 CrackMetaModel elastic_cracks(const SeparatedModel& model, const model::Dofs& seen,

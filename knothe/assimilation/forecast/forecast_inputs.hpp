@@ -1,5 +1,7 @@
 #pragma once
 /// @file What forecasts take from a model: its prediction at a time, its outputs, its elastic cracks.
+#include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -14,18 +16,22 @@ namespace knothe::assimilation {
 /// The prediction at a step of the model.
 [[nodiscard]] LinearPrediction at_step(const model::ObservedModel& model, std::size_t step);
 
-/// The output that a forecast needs; DataError where the model lacks it.
-[[nodiscard]] const model::SnapshotOutput& find_output(const model::SeparatedModel& model,
-                                                       const std::string& name, const std::string& forecast);
 /// Displacement of the load at each time of the model; it does not depend on the parameters.
 [[nodiscard]] std::vector<double> imposed_displacements(const model::SeparatedModel& model,
                                                         const std::string& forecast);
-/// Nodes of the model's parameter grid.
-[[nodiscard]] std::vector<std::vector<double>> axis_nodes(const model::SeparatedModel& model);
 
-/// The model at the point whose displacement is forecast.
-[[nodiscard]] model::ObservedModel observe_point(const model::SeparatedModel& model,
-                                                 const ForecastSpecification& specification);
+/// A quantity that is linear in functions of the parameters, at n instants: q(p) = lift + coefficientsᵀ w(p).
+struct LinearQuantity {
+  std::shared_ptr<const model::ParameterFunctions> functions;  ///< w: d → r
+  Eigen::VectorXd lift;                                        ///< n
+  Eigen::MatrixXd coefficients;                                ///< r × n
+  std::string units;
+};
+
+/// Any quantity of a forecast but the crack length. Errors: DataError for what the model lacks.
+[[nodiscard]] LinearQuantity linear_quantity(const model::SeparatedModel& model,
+                                             const ForecastSpecification& specification,
+                                             std::span<const TimePosition> instants);
 
 /// The elastic cracks at the measured dofs; DataError where the model lacks them.
 [[nodiscard]] CrackMetaModel elastic_cracks(const model::SeparatedModel& model, const model::Dofs& seen,

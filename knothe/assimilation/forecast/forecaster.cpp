@@ -5,7 +5,6 @@
 #include "knothe/assimilation/forecast/forecast_inputs.hpp"
 #include "knothe/base/index.hpp"
 #include "knothe/model/observe/observed_model.hpp"
-#include "knothe/model/reduced/spline_functions.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::assimilation {
@@ -49,17 +48,10 @@ Forecaster::Forecaster(const SeparatedModel& model, const model::Dofs& seen,
                        const std::vector<ForecastSpecification>& specifications)
     : functions_(model.functions()), specifications_(specifications) {
   for (const ForecastSpecification& specification : specifications) {
-    switch (specification.quantity) {
-      case Quantity::crack_length:
-        add_crack(model, seen, specification);
-        break;
-      case Quantity::displacement:
-        add_displacement(model, specification);
-        break;
-      case Quantity::output:
-        add_output(model, specification);
-        break;
-    }
+    if (specification.quantity == Quantity::crack_length)
+      add_crack(model, seen, specification);
+    else
+      add_scalar(model, specification);
   }
   if (functions_->dimension() == 2)
     table_.emplace(functions_->lower(), functions_->upper(), 2 * std::ssize(cracks_) + std::ssize(scalars_));
@@ -77,28 +69,13 @@ void Forecaster::add_crack(const SeparatedModel& model, const model::Dofs& seen,
                      specification.length_offset, specification.discrepancy_std});
 }
 
-void Forecaster::add_displacement(const SeparatedModel& model, const ForecastSpecification& specification) {
-  const LinearPrediction prediction =
-      at_position(observe_point(model, specification), horizon_of(model, specification));
+void Forecaster::add_scalar(const SeparatedModel& model, const ForecastSpecification& specification) {
+  const TimePosition horizon = horizon_of(model, specification);
+  const LinearQuantity quantity = linear_quantity(model, specification, std::span(&horizon, 1));
   scalars_.push_back(
-      {specification.name, "m",
-       QuantityOfInterest(functions_, prediction.lift[0], prediction.modes.row(0).transpose(),
+      {specification.name, quantity.units,
+       QuantityOfInterest(quantity.functions, quantity.lift[0], quantity.coefficients.col(0),
                           specification.threshold.value_or(0), specification.model_error_std)});
-}
-
-void Forecaster::add_output(const SeparatedModel& model, const ForecastSpecification& specification) {
-  const model::SnapshotOutput& output = find_output(model, specification.output, specification.name);
-  const TimePosition position = horizon_of(model, specification);
-  const std::size_t times = model.contents().time.size();
-  std::vector<double> at_horizon;  // on the parameter grid
-  for (std::size_t g = 0; g < output.values.size(); g += times)
-    at_horizon.push_back(
-        position.interpolate(output.values[g + position.lower], output.values[g + position.upper]));
-  const auto functions = std::make_shared<model::JointFunctions>(axis_nodes(model), at_horizon, 1);
-  scalars_.push_back(
-      {specification.name, output.labels.units,
-       QuantityOfInterest(functions, 0.0, Eigen::VectorXd::Ones(1), specification.threshold.value_or(0),
-                          specification.model_error_std)});
 }
 
 void Forecaster::evaluate_functions(const Eigen::Ref<const Eigen::MatrixXd>& points) {

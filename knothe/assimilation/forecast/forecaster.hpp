@@ -75,8 +75,7 @@ class Forecaster {
                                                           const Eigen::VectorXd& weights);
   void add_crack(const model::SeparatedModel& model, const model::Dofs& seen,
                  const ForecastSpecification& specification);
-  void add_displacement(const model::SeparatedModel& model, const ForecastSpecification& specification);
-  void add_output(const model::SeparatedModel& model, const ForecastSpecification& specification);
+  void add_scalar(const model::SeparatedModel& model, const ForecastSpecification& specification);
   /// Puts them in the project's order, each with its horizon and threshold.
   void complete(std::vector<NamedForecast>& forecasts) const;
 
