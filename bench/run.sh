@@ -53,6 +53,11 @@ case picture_chain_bench in *"${1:-}"*)
   python3 bench/picture_chain_bench.py "$knothe" "$folder/beam_pictures.toml"
 esac
 
+case driven_tests in *"${1:-}"*)
+  echo "== driven_tests"
+  PYTHONPATH=build/release/python /usr/bin/python3 bench/driven_tests.py "$knothe"
+esac
+
 case inference_calls in *"${1:-}"*)
   echo "== inference_calls"
   python3 bench/inference_calls.py "$knothe"

@@ -132,7 +132,7 @@ Decision Decider::decide(const UpdateResult& posterior, const Eigen::MatrixXd& d
     for (const PlannedMeasurement& one : planned) decision.plan.push_back(time_[one.step]);
     std::sort(decision.plan.begin(), decision.plan.end());
     decision.action = then == now ? Action::hold : Action::load;
-    decision.time = time_[then];
+    if (then != now) decision.time = time_[then];
     decision.information = information_.of(then);
     decision.failure_probability = risk[then - now];
     decision.allowed_probability = allowed(now, then, risk[0]);

@@ -162,11 +162,13 @@ InferenceJudgement judgement(const Json& content) {
     const std::size_t begin = at + k_but.size();
     at = std::min(verdict.find(k_but, begin), verdict.size());
     sentences.push_back(verdict.substr(begin, at - begin));
-    sentences.back()[0] = std::toupper(static_cast<unsigned char>(sentences.back()[0]));
+    const unsigned char first = sentences.back()[0];
+    sentences.back()[0] = std::toupper(first);
   }
   const bool is_trusted = content.at("trusted"), has_doubt = !sentences.empty();
   std::string computation = verdict.substr(0, end);
-  computation[0] = std::tolower(static_cast<unsigned char>(computation[0]));
+  const unsigned char first = computation[0];
+  computation[0] = std::tolower(first);
   sentences.push_back("Computation " + computation);
   if (!is_trusted || fit < limits.fit_reject) return {Usability::not_usable, std::move(sentences)};
   const bool is_clean = !has_doubt && fit >= limits.fit_caution && content.value("tolerance_reached", true);

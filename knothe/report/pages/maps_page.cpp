@@ -120,7 +120,7 @@ void add_result(Page& page, const std::vector<MappedPicture>& pictures, Index el
       continue;
     }
     ++measured;
-    most_out = std::max(most_out, static_cast<int>(c.elements_rejected));
+    most_out = std::max<int>(most_out, c.elements_rejected);
     if (std::isfinite(p.noise_std)) noise = std::max(noise, p.noise_std);
     if (!c.converged)
       doubts.push_back(fmt::format("{}: the displacements had not converged after {} iterations.",
