@@ -211,9 +211,7 @@ class Test(Case):
                          ("LogDensity& target",
                           "const Eigen::VectorXd& a, const Eigen::MatrixXd& x, const Eigen::MatrixXd& z",
                           "LogDensity& target, const AffineMap& pre_map, Eigen::VectorXd& a",
-                          "MapResult& result, int seed, const Eigen::MatrixXd& z, const Eigen::VectorXd& given")),
-           "imaging": ("files/picture.hpp imaging/correlation/correlation_noise.hpp imaging/correlation/image_correlation.hpp", "imaging",
-                       ("",))}
+                          "MapResult& result, int seed, const Eigen::MatrixXd& z, const Eigen::VectorXd& given"))}
 
     def test_the_cpp_of_the_explanation_compiles(self):
         compiler = shutil.which("c++")

@@ -218,10 +218,12 @@ Eigen::MatrixXd Decider::rows_about(const Eigen::MatrixXd& draws) const {
 void Decider::explain(std::size_t now, const std::vector<double>& risk, Decision& decision) const {
   const std::string failure = failure_in_words(failure_specification_, failure_.units());
   if (decision.action != Action::stop) {
-    decision.message =
-        fmt::format("{:.2g} nats are expected, of {} worth making; P({}) is {}, {} is allowed",
-                    decision.information, counted(decision.plan.size(), "measurement"), failure,
-                    percent(decision.failure_probability), percent(decision.allowed_probability));
+    decision.message = fmt::format("{:.2g} nats are expected, the first of {} worth making",
+                                   decision.information, counted(decision.plan.size(), "measurement"));
+    if (decision.action == Action::load)
+      decision.message += fmt::format("; P({}) is {}, {} is allowed", failure,
+                                      percent(decision.failure_probability),
+                                      percent(decision.allowed_probability));
     return;
   }
   decision.failure_probability = risk[0];
