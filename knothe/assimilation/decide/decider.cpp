@@ -221,9 +221,9 @@ void Decider::explain(std::size_t now, const std::vector<double>& risk, Decision
     decision.message = fmt::format("{:.2g} nats are expected, the first of {} worth making",
                                    decision.information, counted(decision.plan.size(), "measurement"));
     if (decision.action == Action::load)
-      decision.message += fmt::format("; P({}) is {}, {} is allowed", failure,
-                                      percent(decision.failure_probability),
-                                      percent(decision.allowed_probability));
+      decision.message +=
+          fmt::format("; P({}) is {}, {} is allowed", failure, percent(decision.failure_probability),
+                      percent(decision.allowed_probability));
     return;
   }
   decision.failure_probability = risk[0];

@@ -41,8 +41,8 @@ TableRow parameter_row(const record::Results& results, std::size_t d) {
   const double std = precision.of_parameter(last.standard_deviations()[d], d);
   const std::string units = pretty_units(p.units);
   // What 1 means stands in the value in its unit.
-  TableRow row{
-      {p.reference ? pretty_name(p.name) : parameter_label(p), precision.estimate(last.mean[d], std)}};
+  TableRow row{{p.reference && *p.reference != 1 ? pretty_name(p.name) : parameter_label(p),
+                precision.estimate(last.mean[d], std)}};
   if (last.quantiles.cols() > 1)
     row.cells.push_back(
         interval(last.quantiles(d, 0), last.quantiles(d, last.quantiles.cols() - 1), std, precision));
