@@ -53,7 +53,8 @@ const Section<D>& decide_section() {
         s.add("failure", &D::failure,
               "Forecast whose quantity beyond its threshold is failure; its horizon means nothing here.",
               required);
-        s.add("risk", &D::risk, "Largest probability that the whole test ends in failure.", between(0, 1));
+        s.add("risk", &D::risk, "Largest probability that the whole test ends in failure.", positive,
+              at_most(1));
         s.add("about", &D::about,
               "What to learn about: a parameter or a forecast (at its horizon); without it all parameters.");
         s.add("increments", &D::increments,

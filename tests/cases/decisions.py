@@ -66,7 +66,9 @@ class Test(ServiceCase):
                 ('failure = "sag"\nabout = "Y1"\n', '"Y1" is neither a parameter nor a forecast (did you mean "Y0"?)'),
                 ('failure = "sag"\nend = 7\n', "decide.end"),
                 ('failure = "sag"\nincrements = [0.1, 0]\n', "decide.increments must be positive"),
+                ('failure = "sag"\nincrements = [0.1]\n', "no two times of the model are 0.1 apart"),
                 ('failure = "sag"\nrisk = 2\n', "risk"),
+                ('failure = "sag"\nrisk = 0\n', "risk"),
                 ('risk = 0.1\n', "failure")):
             self.project.write_text(before)
             self.decide(text)

@@ -91,6 +91,7 @@ Decider::Decider(const model::SeparatedModel& model, std::shared_ptr<const model
       prior_std_(prior_std),
       information_(std::move(observed), noise),
       loading_(model::loading_of(model, "", std::vector<double>(model.dimension()))) {
+  for (const double increment : options_.increments) require_step(increment);
   if (options_.end) end_ = locate_horizon(time_, *options_.end, "decide.end").lower;
   if (about_.size() > 0) return;
   const ForecastSpecification* forecast = find_forecast(forecasts, options_.about);
@@ -152,6 +153,21 @@ void Decider::look_from(const UpdateResult& posterior, const Eigen::MatrixXd& dr
                    by_data ? data : Eigen::MatrixXd(), rows_about(draws));
 }
 
+/// ProjectError where the model has no two times that are so far apart.
+void Decider::require_step(double increment) const {
+  for (std::size_t then = 1; then < time_.size(); ++then)
+    for (std::size_t now = 0; now < then; ++now)
+      if (is_increment(now, then, increment)) return;
+  throw ProjectError(
+      fmt::format("[decide.increments] no two times of the model are {} apart; its first two "
+                  "are {}",
+                  increment, time_.size() > 1 ? time_[1] - time_[0] : 0));
+}
+
+bool Decider::is_increment(std::size_t now, std::size_t then, double increment) const {
+  return std::abs(time_[now] + increment - time_[then]) <= k_same_time * (time_[then] - time_[then - 1]);
+}
+
 /// The model's time at or just before `time`.
 std::size_t Decider::present(double time) const {
   const double step = time_.size() > 1 ? (time_.back() - time_.front()) / (std::ssize(time_) - 1) : 1;
@@ -199,10 +215,8 @@ double Decider::allowed(std::size_t now, std::size_t then, double failed) const 
 
 bool Decider::is_offered(std::size_t now, std::size_t then) const {
   if (options_.increments.empty()) return true;
-  const double step = time_[then] - time_[then - 1];
-  return std::any_of(options_.increments.begin(), options_.increments.end(), [&](double increment) {
-    return std::abs(time_[now] + increment - time_[then]) <= k_same_time * step;
-  });
+  return std::any_of(options_.increments.begin(), options_.increments.end(),
+                     [&](double increment) { return is_increment(now, then, increment); });
 }
 
 /// B: of a forecast its gradient, by regression over the posterior.

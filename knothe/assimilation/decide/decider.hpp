@@ -40,6 +40,8 @@ class Decider {
   [[nodiscard]] std::vector<double> risk_from(const UpdateResult& posterior, const Eigen::MatrixXd& draws,
                                               std::size_t now) const;
   [[nodiscard]] double allowed(std::size_t now, std::size_t then, double failed) const;
+  void require_step(double increment) const;
+  [[nodiscard]] bool is_increment(std::size_t now, std::size_t then, double increment) const;
   [[nodiscard]] bool is_offered(std::size_t now, std::size_t then) const;
   void look_from(const UpdateResult& posterior, const Eigen::MatrixXd& draws, const Eigen::MatrixXd& data);
   [[nodiscard]] Eigen::MatrixXd rows_about(const Eigen::MatrixXd& draws) const;

@@ -269,6 +269,11 @@ TEST(Decider, SaysWhatTheProjectLacks) {
   options.about.clear();
   options.end = 3;
   EXPECT_THAT(message(options, wear_forecast()), HasSubstr("decide.end"));
+  options.end.reset();
+  options.increments = {0.1, 0.12};
+  EXPECT_THAT(
+      message(options, wear_forecast()),
+      HasSubstr("[decide.increments] no two times of the model are 0.12 apart; its first two are 0.05"));
 }
 
 struct Outcome {
