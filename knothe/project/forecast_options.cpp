@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include "knothe/model/reduced/loading.hpp"
 #include "knothe/project/option_section.hpp"
 
 namespace knothe::project {
@@ -103,11 +102,6 @@ D read_decide(Values& values) {
     if (!(increment > 0))
       values.complain("decide.increments", "decide.increments must be positive: more model time");
   return options;
-}
-
-std::string forecast_units(const model::ModelContents& model, const F& specification) {
-  return specification.quantity == F::Quantity::output ? model::output_units(model, specification.output)
-                                                       : "m";
 }
 
 }  // namespace knothe::project

@@ -1,11 +1,9 @@
 #pragma once
 /// @file The tables [forecast.NAME] of a project file.
-#include <string>
 #include <vector>
 
 #include "knothe/assimilation/decide/decision.hpp"
 #include "knothe/assimilation/forecast/forecast_specification.hpp"
-#include "knothe/model/reduced/model_file.hpp"
 
 namespace knothe::project {
 
@@ -16,9 +14,5 @@ struct Values;
 
 /// The table [decide].
 [[nodiscard]] assimilation::DecisionOptions read_decide(Values& values);
-
-/// The unit of a forecast's values; empty: none.
-[[nodiscard]] std::string forecast_units(const model::ModelContents& model,
-                                         const assimilation::ForecastSpecification& specification);
 
 }  // namespace knothe::project

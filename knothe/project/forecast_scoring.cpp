@@ -4,7 +4,7 @@
 #include <cmath>
 #include <optional>
 
-#include "knothe/project/forecast_options.hpp"
+#include "knothe/assimilation/forecast/forecast_inputs.hpp"
 
 namespace knothe::project {
 namespace {

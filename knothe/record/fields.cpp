@@ -148,17 +148,19 @@ Json verdict_schema() {
 
 Json decision_schema() {
   const Json words = {{"type", "string"}};
-  return object_schema({{"action", {{"type", "string"}, {"enum", {"load", "hold", "stop"}}}},
+  Json actions = Json::array();
+  for (const auto& action : names_of(assimilation::Action{})) actions.push_back(action.word);
+  return object_schema({{"action", {{"type", "string"}, {"enum", actions}}},
                         {"time", number_schema()},
                         {"information", number_schema()},
+                        {"plan", list_of(number_schema())},
                         {"failure_probability", number_schema()},
                         {"allowed_probability", number_schema()},
                         {"furthest", number_schema()},
                         {"message", words},
                         {"load", number_schema()},
                         {"units", words}},
-                       {"action", "time", "information", "plan", "failure_probability", "allowed_probability",
-                        "furthest", "message"});
+                       {"action", "time", "information", "plan", "furthest", "message"});
 }
 
 }  // namespace

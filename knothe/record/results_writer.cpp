@@ -8,6 +8,7 @@
 #include <fstream>
 #include <thread>
 
+#include "knothe/assimilation/forecast/forecast_inputs.hpp"
 #include "knothe/assimilation/forecast/horizon.hpp"
 #include "knothe/base/monotonic_time.hpp"
 #include "knothe/base/version.hpp"
@@ -20,7 +21,6 @@
 #include "knothe/model/reduced/time_interpolation.hpp"
 #include "knothe/numerics/statistics/distinct_draws.hpp"
 #include "knothe/posterior/quadrature/marginal_density.hpp"
-#include "knothe/project/forecast_options.hpp"
 #include "knothe/record/json_values.hpp"
 #include "knothe/record/physical_parameters.hpp"
 #include "knothe/record/posterior_file.hpp"
@@ -284,7 +284,7 @@ void ResultsWriter::write_summary(const std::string& path, double elapsed_s) con
     Json& entry = summary["forecasts"][f.name];
     entry = {{"quantity", to_text(f.quantity)}, {"horizon", f.horizon}};
     if (f.threshold) entry["threshold"] = *f.threshold;
-    entry["unit"] = project::forecast_units(model_.contents(), f);
+    entry["unit"] = assimilation::forecast_units(model_.contents(), f);
     if (!f.output.empty()) entry["output"] = f.output;
   }
   if (!refinement_.is_null()) summary["refinement"] = refinement_;

@@ -67,16 +67,14 @@ Json model_records(const std::vector<assimilation::ComparedModel>& models) {
   return records;
 }
 
-/// What to do next. `load` and `units` where the model knows what is imposed.
+/// What to do next. The probabilities where they are known, `load` and `units` where the model knows what is
+/// imposed.
 Json decision_record(const assimilation::Decision& decision) {
-  Json record = {{"action", to_text(decision.action)},
-                 {"time", decision.time},
-                 {"information", decision.information},
-                 {"plan", decision.plan},
-                 {"failure_probability", decision.failure_probability},
-                 {"allowed_probability", decision.allowed_probability},
-                 {"furthest", decision.furthest},
-                 {"message", decision.message}};
+  Json record = {{"action", to_text(decision.action)},  {"time", decision.time},
+                 {"information", decision.information}, {"plan", decision.plan},
+                 {"furthest", decision.furthest},       {"message", decision.message}};
+  if (decision.failure_probability) record["failure_probability"] = *decision.failure_probability;
+  if (decision.allowed_probability) record["allowed_probability"] = *decision.allowed_probability;
   if (decision.load) record["load"] = *decision.load, record["units"] = decision.load_units;
   return record;
 }
@@ -133,6 +131,7 @@ Json step_record(const assimilation::StepResult& result, std::span<const model::
   if (result.decision) {
     record["decision"] = decision_record(*result.decision);
     record["elapsed_us"]["decision"] = result.decision_us;
+    record["elapsed_us"]["total"] = r.elapsed_us.total() + forecast_us + result.decision_us;
   }
   if (result.sensors) record["sensors"] = sensor_record(*result.sensors);
   if (!result.stuck.empty()) record["stuck"] = result.stuck;

@@ -121,14 +121,14 @@ class Decision:
         Expected from the next measurement, nats.
     plan : list of float
         Model times of all measurements that are worth making now.
-    failure_probability : float
-        That the specimen fails by ``time``.
-    allowed_probability : float
-        The largest for this action.
     furthest : float
         The largest model time that the risk allows now.
     message : str
         Why.
+    failure_probability : float or None
+        That the specimen fails by ``time``; None where the answer does not tell.
+    allowed_probability : float or None
+        The largest for this action.
     load : float or None
         What is imposed at ``time``, in ``units``, where the model knows it.
     units : str or None
@@ -143,10 +143,10 @@ class Decision:
     time: float
     information: float
     plan: list[float]
-    failure_probability: float
-    allowed_probability: float
     furthest: float
     message: str
+    failure_probability: float | None = None
+    allowed_probability: float | None = None
     load: float | None = None
     units: str | None = None
 

@@ -9,7 +9,7 @@ from service_support import ServiceCase, comparable
 from support import read_csv, write_csv
 
 EXAMPLE = pathlib.Path(__file__).resolve().parents[2] / "examples" / "driven_test" / "machine.py"
-KEYS = ["action", "time", "information", "plan", "failure_probability", "allowed_probability", "furthest", "message"]
+KEYS = ["action", "time", "information", "plan", "furthest", "message", "failure_probability", "allowed_probability"]
 FAILURE = '[forecast.sag]\nquantity = "displacement"\npoint = [0.03, 0.05, 0.05]\ncomponent = "y"\nhorizon = 1.0\nthreshold = 1e-3\n'
 
 
@@ -58,13 +58,14 @@ class Test(ServiceCase):
         self.assertEqual(last["verdict"]["level"], "reject")
         self.assertEqual(last["decision"]["action"], "hold")
         self.assertIn("the verdict is reject: do not load on", last["decision"]["message"])
+        self.assertNotIn("failure_probability", last["decision"])
 
     def test_a_mistake_is_found_at_its_place(self):
         before = self.project.read_text()
         for text, message in (
                 ('failure = "sagg"\n', '"sagg" is not a forecast (did you mean "sag"?)'),
                 ('failure = "sag"\nabout = "Y1"\n', '"Y1" is neither a parameter nor a forecast (did you mean "Y0"?)'),
-                ('failure = "sag"\nend = 7\n', "decide.end"),
+                ('failure = "sag"\nend = 7\n', "[decide] end = 7: the model knows the times"),
                 ('failure = "sag"\nincrements = [0.1, 0]\n', "decide.increments must be positive"),
                 ('failure = "sag"\nincrements = [0.1]\n', "no two times of the model are 0.1 apart"),
                 ('failure = "sag"\nrisk = 2\n', "risk"),

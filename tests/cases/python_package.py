@@ -323,7 +323,8 @@ class Test(CaseInItsFolder):
     # Threads, Ctrl-C
 
     def test_other_threads_go_on_meanwhile(self):
-        """Long calls of each kind; a thread that is not let makes one tick at either end, and no more."""
+        """Long calls of each kind; a thread that is not let makes one tick at either end, and no more, in each of ten calls. (On a busy
+        machine one that is let may get no time either, now and then.)"""
         model, samples = self.folder / "model.h5", np.random.default_rng(1).standard_normal((20000, 3))
         picture = np.random.default_rng(1).uniform(0, 255, (1200, 1200))
         (self.folder / "mcmc.toml").write_text(
@@ -342,9 +343,14 @@ class Test(CaseInItsFolder):
             with self.subTest(name), Ticks() as ticks:
                 while ticks.count == 0:
                     time.sleep(0.001)
-                before = ticks.count
-                call()
-                self.assertGreater(ticks.count - before, 3, name)
+                most = 0
+                for _ in range(10):
+                    before = ticks.count
+                    call()
+                    most = max(most, ticks.count - before)
+                    if most > 3:
+                        break
+                self.assertGreater(most, 3, name)
 
     def test_ctrl_c_in_the_callers_function(self):
         calls = []

@@ -9,16 +9,21 @@
 #include <limits>
 #include <utility>
 
+#include "knothe/assimilation/forecast/forecast_inputs.hpp"
 #include "knothe/assimilation/forecast/horizon.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/likelihood/step/posterior_functions.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 
 namespace knothe::assimilation {
 namespace {
 
 constexpr Index k_times_at_once = 8;   // that the risk is looked at
+constexpr Index k_most_points = 2048;  // of a posterior; of more so many draws
+constexpr double k_no_weight = 1e-12;  // share of all weight
+constexpr double k_no_spread = 1e-12;  // share of a quantity
 constexpr Index k_every_draw = 8;      // is one of those at which a measurement is linearised
 constexpr double k_same_time = 1e-6;   // of a step of the model
 constexpr double k_caution_width = 1;  // standard deviations of q that `caution` adds to it
@@ -58,8 +63,55 @@ std::string failure_in_words(const ForecastSpecification& failure, const std::st
   return fmt::format("{} > {:g}{}{}", failure.name, *failure.threshold, units.empty() ? "" : " ", units);
 }
 
-/// Silverman's, of values without outliers.
-double kernel_width(double std, Index count) {
+/// Points of a posterior with weights that add up to 1: rare ones count as well as those in the middle.
+struct Sample {
+  Eigen::MatrixXd points;   ///< n × d
+  Eigen::VectorXd weights;  ///< n
+
+  [[nodiscard]] double mean(const Eigen::VectorXd& values) const { return weights.dot(values); }
+  [[nodiscard]] double std(const Eigen::VectorXd& values) const {
+    return std::sqrt(weights.dot((values.array() - mean(values)).square().matrix()));
+  }
+};
+
+/// The gradient of a quantity over a posterior, by least squares.
+class Regression {
+ public:
+  explicit Regression(const Sample& sample) : root_(sample.weights.cwiseSqrt()) {
+    const Eigen::RowVectorXd mean = sample.weights.transpose() * sample.points;
+    centred_.compute(root_.asDiagonal() * (sample.points.rowwise() - mean));
+  }
+
+  /// `values`: of each point. Adding a constant to them changes nothing.
+  [[nodiscard]] Eigen::VectorXd of(const Eigen::VectorXd& values) const {
+    const double mean = root_.cwiseAbs2().dot(values);
+    return centred_.solve(root_.cwiseProduct((values.array() - mean).matrix()));
+  }
+
+ private:
+  Eigen::VectorXd root_;  ///< of the weights
+  Eigen::ColPivHouseholderQR<Eigen::MatrixXd> centred_;
+};
+
+Sample equal_weights(const Eigen::MatrixXd& points) {
+  return {points, Eigen::VectorXd::Constant(points.rows(), 1.0 / points.rows())};
+}
+
+Sample sample_of(const UpdateResult& posterior) {
+  const double least = k_no_weight * posterior.weights.sum();
+  std::vector<Index> kept;
+  for (Index i = 0; i < posterior.weights.size(); ++i)
+    if (posterior.weights[i] > least) kept.push_back(i);
+  if (kept.empty()) throw NumericalError("no point of the posterior has a weight");
+  if (std::ssize(kept) > k_most_points)
+    return equal_weights(
+        posterior.points(numerics::equal_draws(posterior.weights, k_most_points), Eigen::all));
+  const Eigen::VectorXd weights = posterior.weights(kept);
+  return {posterior.points(kept, Eigen::all), weights / weights.sum()};
+}
+
+/// Silverman's, of values without outliers; `count`: the effective number of points.
+double kernel_width(double std, double count) {
   return 0.9 * std * std::pow(count, -0.2);
 }
 
@@ -86,13 +138,14 @@ Decider::Decider(const model::SeparatedModel& model, std::shared_ptr<const model
       time_(observed->time),
       end_(time_.size() - 1),
       failure_specification_(failure_of(forecasts, options_)),
+      units_(forecast_units(model.contents(), failure_specification_)),
       failure_(model, seen, failure_specification_),
       about_(parameters_about(observed->parameters, options_.about)),
       prior_std_(prior_std),
       information_(std::move(observed), noise),
       loading_(model::loading_of(model, "", std::vector<double>(model.dimension()))) {
   for (const double increment : options_.increments) require_step(increment);
-  if (options_.end) end_ = locate_horizon(time_, *options_.end, "decide.end").lower;
+  if (options_.end) end_ = locate_horizon(time_, *options_.end, "[decide] end").lower;
   if (about_.size() > 0) return;
   const ForecastSpecification* forecast = find_forecast(forecasts, options_.about);
   if (forecast == nullptr) {
@@ -103,7 +156,7 @@ Decider::Decider(const model::SeparatedModel& model, std::shared_ptr<const model
                     options_.about, did_you_mean(options_.about, names), fmt::join(names, ", ")));
   }
   learnt_.emplace(model, seen, *forecast);
-  learnt_step_ = locate_horizon(time_, forecast->horizon, forecast->name).upper;
+  horizon_ = locate_horizon(time_, forecast->horizon, fmt::format("[forecast.{}] horizon", forecast->name));
 }
 
 Decision Decider::decide(const UpdateResult& posterior, const Eigen::MatrixXd& data) {
@@ -117,10 +170,10 @@ Decision Decider::decide(const UpdateResult& posterior, const Eigen::MatrixXd& d
   }
   const Eigen::MatrixXd draws = likelihood::equally_likely(posterior.points, posterior.weights);
   const std::size_t now = present(posterior.time);
-  const std::vector<double> risk = risk_from(posterior, draws, now);
+  const std::vector<double> risk = risk_from(posterior, now);
   std::vector<std::size_t> offered;
   for (std::size_t then = now; then < now + risk.size(); ++then) {
-    if (risk[then - now] > allowed(now, then, risk[0])) continue;
+    if (risk[then - now] > allowed(posterior.time, then, risk[0])) continue;
     decision.furthest = time_[then];
     if (then == now || is_offered(now, then)) offered.push_back(then);
   }
@@ -136,21 +189,26 @@ Decision Decider::decide(const UpdateResult& posterior, const Eigen::MatrixXd& d
     if (then != now) decision.time = time_[then];
     decision.information = information_.of(then);
     decision.failure_probability = risk[then - now];
-    decision.allowed_probability = allowed(now, then, risk[0]);
+    decision.allowed_probability = allowed(posterior.time, then, risk[0]);
+  } else {
+    decision.failure_probability = risk[0];
+    decision.allowed_probability = allowed(posterior.time, now, risk[0]);
   }
   explain(now, risk, decision);
   put_load(decision);
   return decision;
 }
 
-/// What is known already, at a few draws.
+/// What is known already, at a few draws: Λ times an unknown noise level, which does not change what a
+/// measurement of nominal noise tells.
 void Decider::look_from(const UpdateResult& posterior, const Eigen::MatrixXd& draws,
                         const Eigen::MatrixXd& data) {
   const bool by_data = data.rows() == information_.functions();
   const Eigen::MatrixXd known = by_data ? Eigen::MatrixXd(prior_std_.cwiseAbs2().cwiseInverse().asDiagonal())
                                         : Eigen::MatrixXd(posterior.covariance.inverse());
-  information_.set(draws(Eigen::seqN(0, draws.rows() / k_every_draw, k_every_draw), Eigen::all), known,
-                   by_data ? data : Eigen::MatrixXd(), rows_about(draws));
+  information_.set(draws(Eigen::seqN(0, draws.rows() / k_every_draw, k_every_draw), Eigen::all),
+                   posterior.noise_level.value_or(1.0) * known, by_data ? data : Eigen::MatrixXd(),
+                   rows_about(draws));
 }
 
 /// ProjectError where the model has no two times that are so far apart.
@@ -176,40 +234,48 @@ std::size_t Decider::present(double time) const {
 }
 
 /// P(failure by then) of the present time and those after it, up to the first beyond the whole risk.
-std::vector<double> Decider::risk_from(const UpdateResult& posterior, const Eigen::MatrixXd& draws,
-                                       std::size_t now) const {
+std::vector<double> Decider::risk_from(const UpdateResult& posterior, std::size_t now) const {
   const double threshold = *failure_specification_.threshold;
   const Verdict& verdict = posterior.verdict;
-  const double widening =
-      std::max(verdict.level == VerdictLevel::caution ? k_caution_width : 0,
-               verdict.model_shift_std.size() > 0 ? verdict.model_shift_std.maxCoeff() : 0);
+  const double caution = verdict.level == VerdictLevel::caution ? k_caution_width : 0;
+  const Eigen::VectorXd shift =  // of each parameter, as far as the reduced model may move it
+      verdict.model_shift_std.size() > 0
+          ? Eigen::VectorXd(verdict.model_shift_std.cwiseAbs().cwiseProduct(posterior.standard_deviations()))
+          : Eigen::VectorXd::Zero(posterior.points.cols());
+  const Sample sample = sample_of(posterior);
+  const Regression gradient(sample);
+  const double count_of_points = 1 / sample.weights.squaredNorm();
   std::vector<double> by;
-  Eigen::VectorXd largest = Eigen::VectorXd::Constant(draws.rows(), -std::numeric_limits<double>::infinity());
+  Eigen::VectorXd largest =
+      Eigen::VectorXd::Constant(sample.weights.size(), -std::numeric_limits<double>::infinity());
   for (std::size_t first = now; first <= end_ || by.empty(); first += k_times_at_once) {
     const Index count = std::min<Index>(k_times_at_once, std::max(end_, now) - first + 1);
-    const Eigen::MatrixXd values = failure_.values(draws, first, count);
+    const Eigen::MatrixXd values = failure_.values(sample.points, first, count);
     for (Index k = 0; k < count; ++k) {
       largest = largest.cwiseMax(values.col(k));
-      const double std = std::sqrt((largest.array() - largest.mean()).square().mean());
-      // Between the draws the density is that of their kernel.
+      const double std = sample.std(largest);
+      // Between the points the density is that of their kernel.
       const double width =
-          std::sqrt(std::pow(kernel_width(std, draws.rows()), 2) + std::pow(widening * std, 2) +
+          std::sqrt(std::pow(kernel_width(std, count_of_points), 2) + std::pow(caution * std, 2) +
+                    std::pow(gradient.of(largest).cwiseAbs().dot(shift), 2) +
                     std::pow(failure_specification_.model_error_std, 2));
-      double probability = 0;
-      for (const double value : largest)
-        probability += width > 0 ? numerics::normal_cdf((value - threshold) / width) : value > threshold;
-      by.push_back(probability / draws.rows());
+      by.push_back(sample.mean(largest.unaryExpr([&](double value) {
+        return width == 0 ? 1.0 * (value > threshold) : numerics::normal_cdf((value - threshold) / width);
+      })));
+      if (!std::isfinite(by.back()))
+        throw NumericalError(
+            fmt::format("P({}) is not finite", failure_in_words(failure_specification_, units_)));
       if (by.back() > options_.risk) return by;
     }
   }
   return by;
 }
 
-/// Largest probability of failure by the time `then`, of a specimen that has failed by now with that of
-/// `now`.
-double Decider::allowed(std::size_t now, std::size_t then, double failed) const {
+/// Largest probability of failure by the time `then`, of a specimen that has failed by `present` with that of
+/// `failed`.
+double Decider::allowed(double present, std::size_t then, double failed) const {
   const double whole = time_[end_] - time_[0];
-  const double share = whole > 0 ? (time_[then] - time_[now]) / whole : 0;
+  const double share = whole > 0 ? std::max(0.0, time_[then] - present) / whole : 0;
   return std::min(options_.risk, failed + options_.risk * share);
 }
 
@@ -222,36 +288,36 @@ bool Decider::is_offered(std::size_t now, std::size_t then) const {
 /// B: of a forecast its gradient, by regression over the posterior.
 Eigen::MatrixXd Decider::rows_about(const Eigen::MatrixXd& draws) const {
   if (!learnt_) return about_;
-  const Eigen::VectorXd values = learnt_->values(draws, learnt_step_, 1);
-  const Eigen::MatrixXd centred = draws.rowwise() - draws.colwise().mean();
-  return centred.colPivHouseholderQr()
-      .solve(values.array().matrix() - Eigen::VectorXd::Constant(values.size(), values.mean()))
-      .transpose();
+  const Eigen::MatrixXd beside = learnt_->values(draws, horizon_.lower, horizon_.upper - horizon_.lower + 1);
+  const Eigen::VectorXd values =
+      horizon_.interpolate<Eigen::VectorXd>(beside.leftCols<1>(), beside.rightCols<1>());
+  const Sample sample = equal_weights(draws);
+  if (!(sample.std(values) > k_no_spread * values.cwiseAbs().maxCoeff()))
+    return Eigen::RowVectorXd::Zero(draws.cols());  // it does not depend on them
+  return Regression(sample).of(values).transpose();
 }
 
 void Decider::explain(std::size_t now, const std::vector<double>& risk, Decision& decision) const {
-  const std::string failure = failure_in_words(failure_specification_, failure_.units());
+  const std::string failure = failure_in_words(failure_specification_, units_);
   if (decision.action != Action::stop) {
     decision.message = fmt::format("{:.2g} nats are expected, the first of {} worth making",
                                    decision.information, counted(decision.plan.size(), "measurement"));
     if (decision.action == Action::load)
       decision.message +=
-          fmt::format("; P({}) is {}, {} is allowed", failure, percent(decision.failure_probability),
-                      percent(decision.allowed_probability));
+          fmt::format("; P({}) is {}, {} is allowed", failure, percent(*decision.failure_probability),
+                      percent(*decision.allowed_probability));
     return;
   }
-  decision.failure_probability = risk[0];
-  decision.allowed_probability = allowed(now, now, risk[0]);
   if (risk[0] > options_.risk)
     decision.message = fmt::format("P({}) is {} already, of {} allowed in the whole test", failure,
                                    percent(risk[0]), percent(options_.risk));
   else if (now >= end_)
     decision.message = "the load is at its end, and another measurement tells too little";
-  else if (risk.size() > 1 && risk[1] > allowed(now, now + 1, risk[0]))
+  else if (risk.size() > 1 && risk[1] > allowed(decision.time, now + 1, risk[0]))
     decision.message = fmt::format(
         "P({}) would be {} after the next step of load, {} is allowed; another measurement here "
         "tells too little",
-        failure, percent(risk[1]), percent(allowed(now, now + 1, risk[0])));
+        failure, percent(risk[1]), percent(allowed(decision.time, now + 1, risk[0])));
   else
     decision.message = fmt::format("no measurement that the risk allows tells {} nats", options_.cost);
 }

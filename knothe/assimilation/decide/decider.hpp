@@ -20,8 +20,9 @@ namespace knothe::assimilation {
 ///
 /// Failure by time T has the probability P(T) = P(max of q between now and T > threshold), q with the
 /// forecast's own model error and, where the reduced model's error is known, with that too. An increment may
-/// add the share of `risk` that it is of the whole load; so may all increments of a test together add no more
-/// than `risk`. Under `caution` the posterior of q is widened; under `reject` there is no load.
+/// add the share of `risk` that it is of the whole load, so that all increments after the first datum
+/// together add no more than `risk`. Under `caution` the posterior of q is widened; under `reject` there is
+/// no load.
 class Decider {
  public:
   /// `observed`: `model` at the sensors, at its own times; `noise`: of a measurement; `prior_std`: d;
@@ -37,9 +38,8 @@ class Decider {
 
  private:
   [[nodiscard]] std::size_t present(double time) const;
-  [[nodiscard]] std::vector<double> risk_from(const UpdateResult& posterior, const Eigen::MatrixXd& draws,
-                                              std::size_t now) const;
-  [[nodiscard]] double allowed(std::size_t now, std::size_t then, double failed) const;
+  [[nodiscard]] std::vector<double> risk_from(const UpdateResult& posterior, std::size_t now) const;
+  [[nodiscard]] double allowed(double present, std::size_t then, double failed) const;
   void require_step(double increment) const;
   [[nodiscard]] bool is_increment(std::size_t now, std::size_t then, double increment) const;
   [[nodiscard]] bool is_offered(std::size_t now, std::size_t then) const;
@@ -52,9 +52,10 @@ class Decider {
   std::vector<double> time_;  ///< of the model
   std::size_t end_;           ///< index of the last time to load to
   ForecastSpecification failure_specification_;
+  std::string units_;  ///< of its quantity
   QuantityHistory failure_;
   std::optional<QuantityHistory> learnt_;  ///< the forecast to learn about
-  std::size_t learnt_step_ = 0;            ///< its horizon
+  TimePosition horizon_;                   ///< of it
   Eigen::MatrixXd about_;                  ///< the parameters to learn about
   Eigen::VectorXd prior_std_;
   ExpectedInformation information_;

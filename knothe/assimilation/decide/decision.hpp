@@ -35,12 +35,12 @@ struct Decision {
   double time = 0;             ///< model time to load to; of the others the present one
   std::optional<double> load;  ///< what is imposed then, where the model knows
   std::string load_units;
-  double information = 0;          ///< expected of the next measurement, nats; 0 of `stop`
-  std::vector<double> plan;        ///< model times of all measurements that are worth making now, increasing
-  double failure_probability = 0;  ///< that the specimen fails by `time`
-  double allowed_probability = 0;  ///< largest for this action
-  double furthest = 0;             ///< largest model time that the risk allows now
-  std::string message = {};        ///< why
+  double information = 0;    ///< expected of the next measurement, nats; 0 of `stop`
+  std::vector<double> plan;  ///< model times of all measurements that are worth making now, increasing
+  std::optional<double> failure_probability;  ///< that the specimen fails by `time`; absent: not known
+  std::optional<double> allowed_probability;  ///< largest for this action; absent with the other
+  double furthest = 0;                        ///< largest model time that the risk allows now
+  std::string message = {};                   ///< why
 };
 
 }  // namespace knothe::assimilation

@@ -41,10 +41,13 @@ void ExpectedInformation::set(const Eigen::Ref<const Eigen::MatrixXd>& points,
     for (Index a = 0; a < d; ++a) tangents_.col(i * d + a) = at.first[a].row(i).transpose();
   about_ = about;
   known_.assign(n, prior_precision);
-  if (data.size() == 0) return;
-  const Eigen::MatrixXd weighted = data * tangents_;
-  for (Index i = 0; i < n; ++i)
-    known_[i] += tangents_.middleCols(i * d, d).transpose() * weighted.middleCols(i * d, d);
+  const Eigen::MatrixXd weighted = data.size() > 0 ? Eigen::MatrixXd(data * tangents_) : Eigen::MatrixXd();
+  for (Index i = 0; i < n; ++i) {
+    if (data.size() > 0)
+      known_[i] += tangents_.middleCols(i * d, d).transpose() * weighted.middleCols(i * d, d);
+    if (!known_[i].allFinite())
+      throw NumericalError("what a measurement tells cannot be computed: a precision is not finite");
+  }
 }
 
 ExpectedInformation::Matrices ExpectedInformation::fisher(std::size_t step) const {
@@ -60,7 +63,7 @@ ExpectedInformation::Matrices ExpectedInformation::fisher(std::size_t step) cons
 
 /// Mean of ½ log det(B Λ⁻¹ Bᵀ).
 double ExpectedInformation::half_log_variance(const Matrices& precision) const {
-  const bool of_all = about_.isIdentity(0);
+  if (about_.isZero(0)) return 0;  // of a forecast that does not depend on the parameters
   Eigen::MatrixXd one;
   const auto half_log_determinant = [](Eigen::MatrixXd& positive) {
     const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(positive);  // in place
@@ -72,7 +75,7 @@ double ExpectedInformation::half_log_variance(const Matrices& precision) const {
   double sum = 0;
   for (const Eigen::MatrixXd& of_point : precision) {
     one = of_point;
-    if (of_all) {
+    if (is_of_all()) {
       sum -= half_log_determinant(one);
       continue;
     }
@@ -93,7 +96,8 @@ std::vector<PlannedMeasurement> ExpectedInformation::plan(std::span<const std::s
   std::vector<PlannedMeasurement> planned;
   Matrices precision = known_;
   double now = half_log_variance(precision);
-  // The more is planned the less another one tells: what it told last is a bound (lazy greedy choice).
+  // The more is planned the less another one tells of all parameters: what it told last is a bound (lazy
+  // greedy choice). Of some of them it may tell more, once others are known.
   std::vector<double> gain(steps.size(), std::numeric_limits<double>::infinity());
   std::vector<std::size_t> planned_then(steps.size(), k_max_planned);  // when `gain` was computed
   while (planned.size() < k_max_planned) {
@@ -107,6 +111,7 @@ std::vector<PlannedMeasurement> ExpectedInformation::plan(std::span<const std::s
     precision = sum(std::move(precision), measured[best]);
     now -= gain[best];
     planned.push_back({steps[best], gain[best]});
+    if (!is_of_all()) std::fill(gain.begin(), gain.end(), std::numeric_limits<double>::infinity());
   }
   return planned;
 }

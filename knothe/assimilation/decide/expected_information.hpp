@@ -31,8 +31,8 @@ class ExpectedInformation {
   [[nodiscard]] Index functions() const { return model_->functions->count(); }
 
   /// A posterior: points (n × d) that weigh the same; `known`: P₀, d × d, and H, r × r (empty: none, and P₀
-  /// is all that is known); the rows B (k × d) of what is to be learnt. NumericalError where Λ or B Λ⁻¹ Bᵀ is
-  /// not positive definite.
+  /// is all that is known); the rows B (k × d) of what is to be learnt. NumericalError where Λ is not finite
+  /// or, later, Λ or B Λ⁻¹ Bᵀ not positive definite.
   void set(const Eigen::Ref<const Eigen::MatrixXd>& points, const Eigen::MatrixXd& prior_precision,
            const Eigen::MatrixXd& data, const Eigen::MatrixXd& about);
 
@@ -45,6 +45,7 @@ class ExpectedInformation {
   static constexpr std::size_t k_max_planned = 64;
 
  private:
+  [[nodiscard]] bool is_of_all() const { return about_.rows() == about_.cols(); }
   using Matrices = std::vector<Eigen::MatrixXd>;  ///< d × d, one for each point
   [[nodiscard]] Matrices fisher(std::size_t step) const;
   [[nodiscard]] double half_log_variance(const Matrices& precision) const;

@@ -192,15 +192,23 @@ void Engine::assess(std::size_t step, StepResult& result) {
 /// What to do next; where that cannot be told, the answer stays and the specimen is held.
 void Engine::decide(StepResult& result) {
   const auto start = monotonic_now();
-  try {
-    const auto form = method_->form_up_to(result.update.step);
-    result.decision = setup_.decider->decide(result.update, form ? form->quadratic : Eigen::MatrixXd());
-  } catch (const NumericalError& error) {
-    Decision held;
-    held.action = Action::hold;
-    held.time = held.furthest = result.update.time;
-    held.message = error.what();
-    result.decision = std::move(held);
+  const auto hold = [&](const std::string& why) {
+    const double now = result.update.time;
+    result.decision = {.action = Action::hold, .time = now, .furthest = now, .message = why};
+  };
+  const auto likeliest =
+      std::max_element(result.models.begin(), result.models.end(),
+                       [](const auto& a, const auto& b) { return a.probability < b.probability; });
+  if (likeliest != result.models.begin()) {
+    hold(fmt::format("the model {} is more probable than {}, whose forecasts decide", likeliest->name,
+                     setup_.name));
+  } else {
+    try {
+      const auto form = method_->form_up_to(result.update.step);
+      result.decision = setup_.decider->decide(result.update, form ? form->quadratic : Eigen::MatrixXd());
+    } catch (const NumericalError& error) {
+      hold(error.what());
+    }
   }
   result.decision_us = microseconds_since(start);
 }

@@ -5,6 +5,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/model/observe/observation_operator.hpp"
+#include "knothe/model/reduced/loading.hpp"
 #include "knothe/model/reduced/outputs.hpp"
 
 namespace knothe::assimilation {
@@ -28,7 +29,7 @@ LinearQuantity of_displacements(const SeparatedModel& model, const model::Dofs& 
                                 const Eigen::VectorXd& weights, std::span<const TimePosition> instants) {
   const model::ObservedModel observed = model::observe(model, dofs);
   LinearQuantity quantity{model.functions(), Eigen::VectorXd(std::ssize(instants)),
-                          Eigen::MatrixXd(model.functions()->count(), std::ssize(instants)), "m"};
+                          Eigen::MatrixXd(model.functions()->count(), std::ssize(instants))};
   for (Index k = 0; k < std::ssize(instants); ++k) {
     const LinearPrediction u =
         interpolate(instants[k], at_step(observed, instants[k].lower), at_step(observed, instants[k].upper));
@@ -50,13 +51,18 @@ LinearQuantity output_of(const SeparatedModel& model, const ForecastSpecificatio
           instant.interpolate(output.values[g + instant.lower], output.values[g + instant.upper]));
   const Index n = std::ssize(instants);
   return {std::make_shared<model::JointFunctions>(model::nodes_of(model.contents().axes), values, n),
-          Eigen::VectorXd::Zero(n), Eigen::MatrixXd::Identity(n, n), output.labels.units};
+          Eigen::VectorXd::Zero(n), Eigen::MatrixXd::Identity(n, n)};
 }
 
 }  // namespace
 
 LinearPrediction at_step(const model::ObservedModel& model, std::size_t step) {
   return {model.lift.col(step), model.space * model.core[step]};
+}
+
+std::string forecast_units(const model::ModelContents& model, const ForecastSpecification& specification) {
+  if (specification.quantity != ForecastSpecification::Quantity::output) return "m";
+  return model::output_units(model, specification.output);
 }
 
 std::vector<double> imposed_displacements(const SeparatedModel& model, const std::string& forecast) {

@@ -16,6 +16,10 @@ namespace knothe::assimilation {
 /// The prediction at a step of the model.
 [[nodiscard]] LinearPrediction at_step(const model::ObservedModel& model, std::size_t step);
 
+/// The unit of a forecast's values; empty: none.
+[[nodiscard]] std::string forecast_units(const model::ModelContents& model,
+                                         const ForecastSpecification& specification);
+
 /// Displacement of the load at each time of the model; it does not depend on the parameters.
 [[nodiscard]] std::vector<double> imposed_displacements(const model::SeparatedModel& model,
                                                         const std::string& forecast);
@@ -25,7 +29,6 @@ struct LinearQuantity {
   std::shared_ptr<const model::ParameterFunctions> functions;  ///< w: d → r
   Eigen::VectorXd lift;                                        ///< n
   Eigen::MatrixXd coefficients;                                ///< r × n
-  std::string units;
 };
 
 /// Any quantity of a forecast but the crack length. Errors: DataError for what the model lacks.

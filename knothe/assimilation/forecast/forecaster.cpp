@@ -17,7 +17,8 @@ constexpr double k_min_discrepancy = 1e-12;  ///< m; where the predicted fields 
 constexpr double k_same_time = 1e-9;
 
 TimePosition horizon_of(const SeparatedModel& model, const ForecastSpecification& specification) {
-  return locate_horizon(model.contents().time, specification.horizon, specification.name);
+  return locate_horizon(model.contents().time, specification.horizon,
+                        fmt::format("[forecast.{}] horizon", specification.name));
 }
 
 LinearPrediction at_position(const model::ObservedModel& model, const TimePosition& position) {
@@ -73,7 +74,7 @@ void Forecaster::add_scalar(const SeparatedModel& model, const ForecastSpecifica
   const TimePosition horizon = horizon_of(model, specification);
   const LinearQuantity quantity = linear_quantity(model, specification, std::span(&horizon, 1));
   scalars_.push_back(
-      {specification.name, quantity.units,
+      {specification.name, forecast_units(model.contents(), specification),
        QuantityOfInterest(quantity.functions, quantity.lift[0], quantity.coefficients.col(0),
                           specification.threshold.value_or(0), specification.model_error_std)});
 }

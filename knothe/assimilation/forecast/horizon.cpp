@@ -10,17 +10,17 @@
 
 namespace knothe::assimilation {
 
-TimePosition locate_horizon(std::span<const double> times, double horizon, const std::string& name) {
+TimePosition locate_horizon(std::span<const double> times, double horizon, const std::string& option) {
   if (times.empty()) throw DataError("the model has no times");
   const double step = times.size() > 1 ? (times.back() - times.front()) / (times.size() - 1) : 1.0;
   const double slack = 1e-6 * step;
   if (!(horizon >= times.front() - slack && horizon <= times.back() + slack)) {
     const bool late = horizon > times.back();
     throw ProjectError(
-        fmt::format("[forecast.{}] horizon = {}: the model knows the times {} … {} only and does not "
+        fmt::format("{} = {}: the model knows the times {} … {} only and does not "
                     "extrapolate; the nearest "
                     "is {}",
-                    name, horizon, times.front(), times.back(), late ? times.back() : times.front()));
+                    option, horizon, times.front(), times.back(), late ? times.back() : times.front()));
   }
   const auto after = std::lower_bound(times.begin(), times.end(), horizon);
   const std::size_t upper = std::min<std::size_t>(after - times.begin(), times.size() - 1);

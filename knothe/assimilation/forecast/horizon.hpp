@@ -31,9 +31,9 @@ struct TimePosition {
 
 /// Where `horizon` lies among the model's `times` (strictly increasing). A horizon within 1e-6 of a step from
 /// one of them is that step exactly. Errors: ProjectError for a horizon outside [times.front(), times.back()]
-/// or not finite; `name` is the forecast's, for the message.
+/// or not finite; `option` is its name, "[forecast.crack] horizon".
 [[nodiscard]] TimePosition locate_horizon(std::span<const double> times, double horizon,
-                                          const std::string& name);
+                                          const std::string& option);
 
 /// Interpolates a prediction between two steps. Shapes must agree.
 [[nodiscard]] LinearPrediction interpolate(const TimePosition& position, const LinearPrediction& at_lower,

@@ -24,7 +24,7 @@ QuantityHistory::QuantityHistory(const SeparatedModel& model, const model::Dofs&
   if (specification.quantity == ForecastSpecification::Quantity::crack_length) {
     cracks_ = crack_bridges(model, seen, specification);
     offset_ = specification.length_offset;
-    linear_ = {model.functions(), {}, {}, "m"};
+    linear_.functions = model.functions();
     return;
   }
   std::vector<TimePosition> times;

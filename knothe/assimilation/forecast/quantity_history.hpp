@@ -22,14 +22,12 @@ class QuantityHistory {
   [[nodiscard]] Eigen::MatrixXd values(const Eigen::Ref<const Eigen::MatrixXd>& points, std::size_t first,
                                        Index count) const;
 
-  [[nodiscard]] const std::string& units() const { return linear_.units; }
-
  private:
   [[nodiscard]] Eigen::VectorXd lengths(const CrackBridge& crack, const model::RowMatrix& functions) const;
 
   std::vector<CrackBridge> cracks_;  ///< one for each time, of a crack length
   double offset_ = 0;                ///< of a crack length
-  LinearQuantity linear_;  ///< of any other quantity, at each time; of a crack length w and its unit
+  LinearQuantity linear_;            ///< of any other quantity, at each time; of a crack length w alone
 };
 
 }  // namespace knothe::assimilation

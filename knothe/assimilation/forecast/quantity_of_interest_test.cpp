@@ -113,7 +113,7 @@ TEST(Horizon, OutsideNamesTheNearestTime) {
   const std::vector<double> times = {0.0, 0.1, 0.2};
   const auto message = [&](double horizon) {
     try {
-      (void)locate_horizon(times, horizon, "crack");
+      (void)locate_horizon(times, horizon, "[forecast.crack] horizon");
     } catch (const ProjectError& e) {
       return std::string(e.what());
     }

@@ -6,6 +6,7 @@
 #include <charconv>
 #include <filesystem>
 
+#include "knothe/assimilation/forecast/forecast_inputs.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/version.hpp"
 #include "knothe/files/picture_bytes.hpp"
@@ -13,7 +14,6 @@
 #include "knothe/model/reduced/loading.hpp"
 #include "knothe/model/reduced/model_matrices.hpp"
 #include "knothe/numerics/statistics/normal_distribution.hpp"
-#include "knothe/project/forecast_options.hpp"
 #include "knothe/service/journal/test_journals.hpp"
 
 namespace knothe::service {
@@ -120,7 +120,7 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
     const bool crack = specification.quantity == assimilation::ForecastSpecification::Quantity::crack_length;
     if (specification.threshold || crack)
       entry["threshold"] = specification.threshold.value_or(specification.prior_mean);
-    entry["units"] = project::forecast_units(contents, specification);
+    entry["units"] = assimilation::forecast_units(contents, specification);
     if (!specification.output.empty()) entry["output"] = specification.output;
     if (const auto at = imposed ? imposed->at(specification.horizon) : std::nullopt)
       entry["loading"] = {{"value", *at}, {"units", imposed->units}};

@@ -9,7 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <string_view>
 
-#include "knothe/project/forecast_options.hpp"
+#include "knothe/assimilation/forecast/forecast_inputs.hpp"
 #include "knothe/record/forecast_text.hpp"
 
 namespace knothe::service {
@@ -75,7 +75,7 @@ void SiteAlarms::update_conditions(const Line& line, bool informed) {
     if (it == line.above_threshold.end() || !specification.threshold || !informed) continue;
     const double p = it->second;
     const std::string units =
-        line.model ? project::forecast_units(line.model->setup.model.contents(), specification) : "";
+        line.model ? assimilation::forecast_units(line.model->setup.model.contents(), specification) : "";
     update("threshold " + specification.name,
            p >= 0.5    ? "alarm"
            : p >= 0.05 ? "warning"
