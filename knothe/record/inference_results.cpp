@@ -141,6 +141,8 @@ Json inference_record(const InferenceResult& r, std::span<const model::Axis> axe
   record["parameters"] = parameter_names(axes);
   record["wall_clock"] = utc_text(std::chrono::system_clock::now());
   record["verdict"] = r.verdict;
+  record["computation"] = r.computation;
+  record["doubts"] = r.doubts;
   record["model_evaluations"] = r.calls.evaluations;
   record["model_calls"] = {{"evaluate", r.calls.evaluations},
                            {"gradient", r.calls.gradients},

@@ -276,13 +276,13 @@ void examine_answer(PosteriorDensity& posterior, const std::vector<std::string>&
     r.edge_mass[k] = std::max(low, high);
     const double end = low > high ? lower : upper;
     if (r.edge_mass[k] > 0.5 && std::abs(r.mean[k] - end) < 3 * std::sqrt(r.covariance(k, k)))
-      r.verdict +=
-          pressed(k < std::ssize(names) ? names[k] : fmt::format("parameter {}", k), r.edge_mass[k], end);
+      r.doubts.push_back(
+          pressed(k < std::ssize(names) ? names[k] : fmt::format("parameter {}", k), r.edge_mass[k], end));
   }
   const auto misfit = posterior.misfit(r.maximum_a_posteriori);
   if (!misfit) return;
   r.fit_probability = numerics::chi_squared_upper(std::max(0.0, misfit->chi_squared), misfit->count);
-  if (*r.fit_probability < 3e-5) r.verdict += does_not_fit(misfit->chi_squared, misfit->count);
+  if (*r.fit_probability < 3e-5) r.doubts.push_back(does_not_fit(misfit->chi_squared, misfit->count));
 }
 
 /// `samples` that weigh the same, of the weighted points.
@@ -413,6 +413,8 @@ InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
                                    options.seconds, 2 * options.seconds)
                      : fmt::format(" The budget of {} calls is spent: evaluations = {} goes on from here.",
                                    evaluator.budget(), 2 * evaluator.budget());
+  r.computation = r.verdict;
+  for (const std::string& doubt : r.doubts) r.verdict += " But " + doubt;
   if (r.draws.size() == 0) {
     const Phase phase("draws", evaluator, r);
     r.draws = draws_of(r, posterior.transform(), options.samples);

@@ -82,6 +82,8 @@ struct InferenceResult : posterior::Posterior {
   std::vector<std::string> warnings;  ///< sentences: what was wrong with the model and how it was got round
   /// Trusted or not, and why; then any doubt about the result itself.
   std::string verdict;
+  std::string computation;          ///< the first part of `verdict`
+  std::vector<std::string> doubts;  ///< the rest of it: clauses, without the "But"
   /// Probability of a misfit as large as that of the observations at the most probable parameters; nothing
   /// without observations.
   std::optional<double> fit_probability;

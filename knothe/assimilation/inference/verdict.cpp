@@ -28,14 +28,14 @@ std::string verdict(const posterior::MapResult& map, const posterior::Importance
 
 std::string does_not_fit(double chi_squared, Eigen::Index count) {
   return fmt::format(
-      " But the observations do not fit the model: at the most probable parameters χ² is {:.4g} for {} "
+      "the observations do not fit the model: at the most probable parameters χ² is {:.4g} for {} "
       "values; check model, units and noise.",
       chi_squared, count);
 }
 
 std::string pressed(const std::string& parameter, double share, double end) {
   return fmt::format(
-      " But {:.0f} % of the posterior of {} lies next to the end of its prior, {:.4g}, which cuts it off: "
+      "{:.0f} % of the posterior of {} lies next to the end of its prior, {:.4g}, which cuts it off: "
       "widen the prior, or find out why.",
       100 * share, parameter, end);
 }

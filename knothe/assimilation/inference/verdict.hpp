@@ -12,7 +12,7 @@ namespace knothe::assimilation {
                                   const posterior::ImportanceCorrection& answer,
                                   const posterior::PriorTransform& transform);
 
-/// What to add where the observations do not fit at the most probable parameters; where this share of the
+/// Doubts: where the observations do not fit at the most probable parameters; where this share of the
 /// posterior is next to an end of a prior.
 [[nodiscard]] std::string does_not_fit(double chi_squared, Eigen::Index count);
 [[nodiscard]] std::string pressed(const std::string& parameter, double share, double end);

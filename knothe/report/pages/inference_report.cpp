@@ -153,20 +153,13 @@ bool holds_inference(const std::string& results_folder) {
 InferenceJudgement judgement(const Json& content) {
   const assimilation::VerdictOptions limits;
   const double fit = content.value("fit_probability", 1.0);
-  // "Trusted: FIGURES. But DOUBT. But DOUBT.", as knothe/assimilation/inference/verdict.cpp puts it together.
-  const std::string verdict = content.at("verdict");
-  static constexpr std::string_view k_but = " But ";
-  std::vector<std::string> sentences;
-  const std::size_t end = std::min(verdict.find(k_but), verdict.size());
-  for (std::size_t at = end; at < verdict.size();) {
-    const std::size_t begin = at + k_but.size();
-    at = std::min(verdict.find(k_but, begin), verdict.size());
-    sentences.push_back(verdict.substr(begin, at - begin));
-    const unsigned char first = sentences.back()[0];
-    sentences.back()[0] = std::toupper(first);
+  auto sentences = content.value("doubts", std::vector<std::string>());
+  for (std::string& sentence : sentences) {
+    const unsigned char first = sentence[0];
+    sentence[0] = std::toupper(first);
   }
   const bool is_trusted = content.at("trusted"), has_doubt = !sentences.empty();
-  std::string computation = verdict.substr(0, end);
+  std::string computation = content.value("computation", content.at("verdict").get<std::string>());
   const unsigned char first = computation[0];
   computation[0] = std::tolower(first);
   sentences.push_back("Computation " + computation);

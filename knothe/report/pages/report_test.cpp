@@ -143,11 +143,15 @@ TEST(InferenceReport, WhatDoesNotFitIsNotUsableHoweverWellItWasComputed) {
   const auto missed =
       judged({{"verdict", "Trusted: map; the tolerance was missed, though."}, {"tolerance_reached", false}});
   EXPECT_EQ(missed.usability, Usability::with_caveats);
-  const auto cut =
-      judged({{"verdict", "Trusted: map. But 99 % of a lies at an end."}, {"fit_probability", 0.4}});
+  const auto cut = judged({{"verdict", "Trusted: map. But 99 % of a lies at an end."},
+                           {"computation", "Trusted: map."},
+                           {"doubts", {"99 % of a lies at an end."}},
+                           {"fit_probability", 0.4}});
   EXPECT_EQ(cut.usability, Usability::with_caveats);
-  const auto misfit = judged(
-      {{"verdict", "Trusted: map. But one. But the observations do not fit."}, {"fit_probability", 1e-20}});
+  const auto misfit = judged({{"verdict", "Trusted: map. But one. But the observations do not fit."},
+                              {"computation", "Trusted: map."},
+                              {"doubts", {"one.", "the observations do not fit."}},
+                              {"fit_probability", 1e-20}});
   EXPECT_EQ(misfit.usability, Usability::not_usable);
   EXPECT_EQ(misfit.sentences,
             (std::vector<std::string>{"One.", "The observations do not fit.", "Computation trusted: map."}));
