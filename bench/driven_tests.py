@@ -26,7 +26,7 @@ KNOTHE = str(pathlib.Path(sys.argv[1]).resolve())
 TESTS, SEED = (int(sys.argv[2]) if len(sys.argv) > 2 else 1000), (int(sys.argv[3]) if len(sys.argv) > 3 else 1)
 RISK = float(sys.argv[4]) if len(sys.argv) > 4 else 0.05
 PROJECT = (pathlib.Path(__file__).resolve().parent.parent / "examples" / "driven_test" / "driven_test.toml").read_text()
-PRIOR, BOX, NODES, FIRST, THRESHOLD = ((0.9, 0.2**0.5), (1.1, 0.2**0.5)), (0.5, 1.5), 32, 4, 0.04
+PRIOR, NODES, FIRST, THRESHOLD = ((0.9, 0.2**0.5), (1.1, 0.2**0.5)), 32, 4, 0.04
 
 
 def call(folder, *arguments):

@@ -26,12 +26,12 @@ int simulate(const FullOrderDataArguments& arguments) {
   };
   if (arguments.images && !solution.mesh)
     throw DataError("the full-order model has no mesh: no picture can be drawn of it");
+  const project::SimulatedField simulated = {solution.dofs, solution.quantities, solution.time, field,
+                                             solution.outputs};
   if (arguments.images)
-    project::simulate_pictures(project, *solution.mesh, solution.dofs, solution.time, field, arguments.seed,
-                               arguments.output);
+    project::simulate_pictures(project, *solution.mesh, simulated, arguments.seed, arguments.output);
   else
-    project::simulate_measurements(project, {solution.dofs, solution.quantities, solution.time, field},
-                                   arguments.seed, arguments.output);
+    project::simulate_measurements(project, simulated, arguments.seed, arguments.output);
   return 0;
 }
 

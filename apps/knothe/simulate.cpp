@@ -25,14 +25,16 @@ int simulate(const SimulateArguments& arguments) {
     return model.evaluate(truth, step, dofs).value;
   };
   const auto& contents = model.contents();
+  project::SimulatedField simulated = {contents.dofs, contents.quantities, contents.time, field, {}};
+  for (const model::SnapshotOutput& output : contents.outputs)
+    simulated.outputs.push_back(
+        {output.name, output.labels, model.evaluate_output(output.name, truth).value});
   if (arguments.images) {
     if (!contents.mesh)
       throw DataError(arguments.model + ": the model has no mesh: no picture can be drawn of it");
-    project::simulate_pictures(project, *contents.mesh, contents.dofs, contents.time, field, arguments.seed,
-                               arguments.output);
+    project::simulate_pictures(project, *contents.mesh, simulated, arguments.seed, arguments.output);
   } else {
-    project::simulate_measurements(project, {contents.dofs, contents.quantities, contents.time, field},
-                                   arguments.seed, arguments.output);
+    project::simulate_measurements(project, simulated, arguments.seed, arguments.output);
   }
   return 0;
 }

@@ -110,7 +110,11 @@ void check_command(const Project& project) {
 /// What [simulate] measures, where the model that says what there is to measure has been made.
 void check_simulation(const Project& project) {
   if (!project.simulate || project.simulate->noise.empty() || !std::filesystem::exists(project.model)) return;
-  (void)measured_quantities(project, model::SeparatedModel::load(project.model).contents().quantities);
+  const auto model = model::SeparatedModel::load(project.model);
+  if (model.contents().quantities.empty())
+    (void)measured_quantities(project, model.output_names());
+  else
+    (void)measured_quantities(project, model.contents().quantities);
 }
 
 }  // namespace

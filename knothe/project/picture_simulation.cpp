@@ -56,17 +56,32 @@ class FaceDisplacement {
   std::size_t count_ = 0;
 };
 
+/// What a testing machine records beside the pictures.
+void write_machine(const std::map<std::string, likelihood::MeasuredSeries>& series,
+                   const std::vector<double>& time, const std::string& folder) {
+  if (series.empty()) return;
+  std::vector<std::string> header{"time"};
+  for (const auto& [name, one] : series)
+    header.push_back(one.units.empty() ? name : fmt::format("{} [{}]", name, one.units));
+  files::CsvWriter table(header);
+  for (std::size_t t = 0; t < time.size(); ++t) {
+    std::vector<double> row{time[t]};
+    for (const auto& [name, one] : series) row.push_back(one.values[t]);
+    table.add_row(row);
+  }
+  table.write((std::filesystem::path(folder) / "machine.csv").string());
+}
+
 }  // namespace
 
-void simulate_pictures(const Project& project, const model::Mesh& mesh, const model::Dofs& dofs,
-                       const std::vector<double>& time, const DisplacementField& field,
+void simulate_pictures(const Project& project, const model::Mesh& mesh, const SimulatedField& simulated,
                        std::optional<std::uint64_t> seed, const std::string& folder) {
   project.require(project.simulate && project.simulate->camera, "a table [simulate.camera]");
   const CameraSimulation& camera = *project.simulate->camera;
   const std::uint64_t used_seed = seed.value_or(project.simulate->seed);
   const imaging::PictureFrame frame = picture_frame_of(project, mesh);
   imaging::MeshField surface(surface_mesh(mesh, frame, project));
-  const FaceDisplacement displacement(surface.mesh(), frame, dofs, mesh);
+  const FaceDisplacement displacement(surface.mesh(), frame, simulated.dofs, mesh);
   const imaging::SpecklePattern pattern(
       {.width = camera.width, .height = camera.height, .dot_radius = camera.dot_radius, .seed = used_seed});
   const int threads = default_threads();
@@ -85,14 +100,16 @@ void simulate_pictures(const Project& project, const model::Mesh& mesh, const mo
                        threads, body));
   };
   files::require_writable_folder(folder);
+  write_machine(simulated_series(project, simulated, used_seed), simulated.time, folder);
   std::size_t number = 0;
   for (int k = 1; k <= camera.references; ++k) draw(fmt::format("reference_{}.tif", k), number++, false);
   const std::vector<std::string> header{"time", "file"};
   files::CsvWriter table(header);
+  const std::vector<double>& time = simulated.time;
   Progress progress("pictures", time.size());
   for (std::size_t step = 0; step < time.size(); ++step) {
     if ((step + 1) % camera.every != 0) continue;
-    surface.set(displacement.at(step, field));
+    surface.set(displacement.at(step, simulated.field));
     const std::string name = fmt::format("picture_{:04}.tif", step + 1);
     draw(name, number++, true);
     table.add_texts(std::array<std::string, 2>{files::format_number(time[step]), name});

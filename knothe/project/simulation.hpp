@@ -1,6 +1,7 @@
 #pragma once
 /// @file `knothe simulate`: what the reduced and the full-order way have in common.
 #include <functional>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -23,25 +24,33 @@ namespace knothe::project {
 using DisplacementField =
     std::function<std::vector<double>(std::size_t step, std::span<const std::size_t> dofs)>;
 
-/// What measurements are made of.
+/// What measurements are made of: a model at the truth.
 struct SimulatedField {
   const model::Dofs& dofs;
   const std::vector<model::Quantity>& quantities;  ///< instead of dofs
   const std::vector<double>& time;
   DisplacementField field;
+  std::vector<model::SnapshotOutput> outputs;  ///< a value for each time
 };
 
-/// The quantities that [simulate] noise names, as indices, with its standard deviations. ProjectError for one
-/// that the model has not, or where it names none.
+/// Those of `names` that [simulate] noise names, as indices, with its standard deviations. ProjectError for
+/// one that is not among them.
 struct MeasuredQuantities {
   std::vector<std::size_t> dofs;
   std::vector<double> std;
 };
 [[nodiscard]] MeasuredQuantities measured_quantities(const Project& project,
+                                                     const std::vector<std::string>& names);
+/// Of a model without a place; ProjectError where [simulate] names none.
+[[nodiscard]] MeasuredQuantities measured_quantities(const Project& project,
                                                      const std::vector<model::Quantity>& quantities);
 
+/// The outputs that [simulate] noise names, with noise.
+[[nodiscard]] std::map<std::string, likelihood::MeasuredSeries> simulated_series(
+    const Project& project, const SimulatedField& simulated, std::uint64_t seed);
+
 /// Chooses dofs, evaluates the field there at every time, adds noise, writes the measurement file with the
-/// truth beside them.
+/// truth beside them, and the outputs that are measured.
 void simulate_measurements(const Project& project, const SimulatedField& simulated,
                            std::optional<std::uint64_t> seed, const std::string& output);
 

@@ -24,7 +24,10 @@ const Section<SimulateOptions>& simulate_section() {
         s.add("dofs.components", in(&S::dofs, &Dofs::components), "Components observed at each node.",
               of_shape(k_component_words));
         s.add("noise_std", &S::noise_std, "Standard deviation of the noise, m.", positive);
-        s.table("noise", "Which quantities without a position are measured (models whose dofs have names).");
+        s.table(
+            "noise",
+            "Which quantities without a position are measured: those of a model whose dofs have names, or "
+            "outputs beside displacements and, in machine.csv, beside pictures.");
         s.add("noise.*", &S::noise,
               "Standard deviation of the noise of the quantity of that name, in the model's unit: SI where "
               "it is known.",

@@ -252,7 +252,7 @@ with h5py.File("data.h5", "a") as f:
         self.assertGreater((self.folder / "data.h5").stat().st_size, 60 * 3 * 8)
         self.edit("[simulate.noise]", "[simulate.noise]\ndrft = 1.0")
         self.expect(3, "simulate", self.project_name, "-o", "data.h5",
-                    stderr=["simulate.noise.drft is no quantity of the model (did you mean \"drift\"?)"])
+                    stderr=["simulate.noise.drft is no quantity or output of the model (did you mean \"drift\"?)"])
 
     def test_runs_that_fail_are_listed_and_the_others_are_kept(self):
         self.copy_example("command")

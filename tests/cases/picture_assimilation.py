@@ -4,6 +4,7 @@ import json
 import math
 import pathlib
 import random
+import shutil
 import struct
 import subprocess
 import unittest
@@ -259,6 +260,34 @@ class Test(Case):
         for one, other in zip(both, self.assimilate()):
             for k in range(2):
                 self.assertAlmostEqual(one["mean"][k], other["mean"][k], delta=1e-6)
+
+    def test_a_load_cell_is_simulated_with_the_pictures(self):
+        """[simulate.noise] names an output: machine.csv beside the pictures, and a series beside displacements; both are assimilated."""
+        self.edit("[simulate.camera]", "[simulate.noise]\nreaction_force = 2.0\n\n[simulate.camera]")
+        self.draw()
+        head, *lines = (self.folder / "pictures" / "machine.csv").read_text().splitlines()
+        self.assertEqual(head, "time,reaction_force [N]")
+        rows = [[float(x) for x in line.split(",")] for line in lines]
+        errors = [force - analytic_model.reaction_force(t, *TRUTH) for t, force in rows]
+        self.assertGreater(len(rows), 10)
+        self.assertLess(math.sqrt(sum(e * e for e in errors) / len(errors)), 4)
+        self.assertGreater(math.sqrt(sum(e * e for e in errors) / len(errors)), 0.8)
+        alone = self.assimilate()[-1]
+        shutil.copy(self.folder / "pictures" / "machine.csv", self.folder / "machine.csv")
+        self.with_machine()
+        both = self.assimilate()[-1]
+        self.assertEqual(both["used"], alone["used"] + 1)
+        for k in range(2):
+            self.assertLess(both["covariance"][k][k], alone["covariance"][k][k])
+            self.assertLess(abs(both["mean"][k] - TRUTH[k]), 4 * math.sqrt(both["covariance"][k][k]))
+        self.edit("[simulate.camera]", '[simulate.dofs]\nrandom = 3\n\n[simulate.camera]')
+        self.expect(0, "simulate", self.project_name, "--model", "model.h5", "-o", "points.h5")
+        self.edit('pictures = "pictures/"\nfile = "machine.csv"', 'file = "points.h5"')
+        self.assertEqual(self.assimilate()[-1]["used"], 7)
+        self.edit("[simulate.noise]\nreaction_force", "[simulate.noise]\nreaction_forc")
+        self.expect(3, "simulate", self.project_name, "--model", "model.h5", "--images", "-o", "pictures",
+                    stderr='simulate.noise.reaction_forc is no quantity or output of the model (did you mean "reaction_force"?)')
+        self.expect(3, "check", self.project_name, stderr="simulate.noise.reaction_forc")
 
     def test_a_clock_of_the_machine_that_is_off_from_the_cameras(self):
         """Times in seconds; the machine's stroke tells how far the test is, and its clock is 0.6 s ahead."""

@@ -6,7 +6,9 @@
 #include <optional>
 
 #include "knothe/assimilation/engine/method.hpp"
+#include "knothe/base/cancellation.hpp"
 #include "knothe/base/error.hpp"
+#include "knothe/base/progress.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -90,7 +92,12 @@ std::vector<InputShift> shifts_by(std::span<const InputError> errors, const Prob
       posterior_of(problem, data, [](const likelihood::DatumPointer& datum) { return datum; });
   std::vector<InputShift> shifts;
   if (!measured) return shifts;
-  for (const InputError& error : errors) shifts.push_back(shift_by(error, *measured, problem, data, mean));
+  Progress progress("what errors of the inputs would shift", std::ssize(errors));
+  for (const InputError& error : errors) {
+    if (cancellation_requested()) break;
+    shifts.push_back(shift_by(error, *measured, problem, data, mean));
+    progress.advance_to(shifts.size());
+  }
   std::erase_if(shifts, [](const InputShift& shift) { return shift.shift.size() == 0; });
   return shifts;
 }
