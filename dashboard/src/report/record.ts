@@ -164,6 +164,65 @@ export interface Plain {
   figures: { x: number[][]; y: number[][]; labels: string[]; xLabel: string; yLabel: string }[];
 }
 
+/** Of the theme: a name, or a number of its series. */
+export type StudyColour = number | "blue" | "orange" | "green" | "red" | "purple" | "faint" | "prior" | "text";
+
+export interface StudyCurve {
+  label: string;
+  x: number[];
+  y: (number | null)[];
+  colour?: StudyColour;
+  width?: number;
+  dashed?: boolean;
+  /** A line with its points. */
+  points?: boolean;
+  look?: "points" | "bars";
+}
+
+export interface StudyChart {
+  kind: "chart";
+  title: string;
+  x: string;
+  y: string;
+  logarithmic?: boolean;
+  counts?: boolean;
+  /** Where the vertical axis begins. */
+  least?: number;
+  curves: StudyCurve[];
+  bands: { label: string; x: number[]; low: (number | null)[]; high: (number | null)[]; colour?: StudyColour }[];
+  marks: { label: string; colour?: StudyColour; x?: number; y?: number }[];
+}
+
+export interface StudyDensities {
+  kind: "densities";
+  title: string;
+  label: string;
+  units: string;
+  steps: ({ step: number } & Density)[];
+  prior?: Density;
+  truth?: number;
+}
+
+/** `value` at the nodes, or a field that moves them, whose x is the value. */
+export interface StudyMap {
+  kind: "map";
+  title: string;
+  face: number;
+  label: string;
+  units: string;
+  signed: boolean;
+  value?: number[];
+  field?: { x: number[]; y: number[] };
+  sensors?: { x: number; y: number; words: string }[];
+}
+
+/** The published study: every drawing of its page, in order (studies/reproduction/record.py). */
+export interface Study {
+  kind: "study";
+  faces: { points: [number, number][]; cells: number[][] }[];
+  drawings: (StudyChart | StudyDensities | StudyMap)[];
+}
+
 /** Displacements from pictures, in `unit`. */
 export interface Maps {
   kind: "maps";
@@ -181,7 +240,7 @@ export interface Maps {
 /** A line that somebody drew on a map: from, to. */
 export type Probe = [number, number, number, number];
 
-export type Report = Assimilation | Inference | Comparison | Selection | Plain | Maps;
+export type Report = Assimilation | Inference | Comparison | Selection | Plain | Study | Maps;
 
 /** What the slider moves through. */
 export function framesOf(report: Report): { label: string; time: number }[] {

@@ -2,8 +2,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <filesystem>
+#include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
@@ -15,6 +18,7 @@
 #include "knothe/report/figures/colour_map.hpp"
 #include "knothe/report/pages/inference_report.hpp"
 #include "knothe/report/pages/page.hpp"
+#include "knothe/report/pages/study_report.hpp"
 
 namespace knothe::report {
 namespace {
@@ -160,6 +164,42 @@ TEST(Page, ResultsAreSaidInWordsForPeople) {
   EXPECT_EQ(result_words(Usability::usable), "usable");
   EXPECT_EQ(result_words(Usability::with_caveats), "usable with caveats");
   EXPECT_EQ(result_words(Usability::not_usable), "do not use");
+}
+
+/// What studies/reproduction writes, of one figure with two drawings.
+nlohmann::json small_study() {
+  return nlohmann::json::parse(R"({"created_by": "knothe 9", "publication": "Rubio <2019>", "quick": true,
+    "seed": 7, "elapsed_s": 12.4, "machine": {"cores": 2, "processor": "a"}, "faces": [],
+    "first": [["Y0", "1.04", "1.00"]], "figures": [{"figure": "5", "heading": "Fig. 5 of the paper: a < b",
+      "setting": "s", "panels": [{"caption": "c", "drawings": [{"kind": "chart", "title": "one"},
+        {"kind": "map", "title": "two"}]}], "tables": [{"caption": "t", "header": ["h"], "rows": [["x"]]}],
+      "rows": [{"quantity": "length", "unit": "mm", "paper": "37.2", "here": "37.4", "why": "mesh"},
+               {"quantity": "ratio", "unit": "1", "paper": "2", "here": "3", "why": "noise"}]}]})");
+}
+
+TEST(Study, PageHasTheComparisonAndAPlaceForEveryDrawing) {
+  const std::string folder = testing::TempDir() + "study_report";
+  std::filesystem::create_directories(folder);
+  EXPECT_FALSE(holds_study(folder + "/none"));
+  const std::string file = folder + "/reproduce.json", output = folder + "/page.html";
+  std::ofstream(file) << small_study().dump();
+  ASSERT_TRUE(holds_study(folder));
+  write_study_report(folder, output);
+  std::stringstream read;
+  read << std::ifstream(output).rdbuf();
+  const std::string html = read.str();
+  EXPECT_EQ(record::test::html_fault(html), "");
+  for (const char* words :
+       {"Rubio &lt;2019&gt;, section 6", "seed 7, quick study in 12 s", "Fig. 5 of the paper: a &lt; b",
+        "<figure data-figure=\"drawing:1\"><figcaption><b>Figure 2.</b> two</figcaption>",
+        "<td>length, mm</td><td>37.2</td><td>37.4</td><td>mesh</td>", "<td>ratio</td>",
+        "<td>Machine: cores</td><td>2</td>", "<caption>t</caption>",
+        R"({"kind":"study","faces":[],"drawings":[{"kind":"chart","title":"one"})"})
+    EXPECT_NE(html.find(words), std::string::npos) << words;
+  nlohmann::json broken = small_study();
+  broken["figures"][0].erase("rows");
+  std::ofstream(file) << broken.dump();
+  EXPECT_THROW(write_study_report(folder, output), DataError);
 }
 
 }  // namespace
