@@ -184,7 +184,7 @@ const maps = {
 const all: [Report, string[]][] = [
   [
     whole,
-    "specimen measured:0 load residuals quantiles noise residual_map:x marginal:0 parameter:0 pairs forecast:crack forecast_density:crack information evidence monitor models timing order diagnostic mode:0 crack:0 functions:0".split(
+    "specimen measured:0 load residuals quantiles noise residual_map:x marginal:0 parameter:0 pairs forecast:crack forecast_density:crack information decisions risk evidence monitor models timing order diagnostic mode:0 crack:0 functions:0".split(
       " ",
     ),
   ],
@@ -339,6 +339,26 @@ test("information is the logarithm of the ratio of deviations", () => {
   const spec = chart("information");
   near(spec.series[0]!.values[8], 0.5 * Math.log(9 / 8), 1e-9);
   assert.equal(spec.series[0]!.values[0], null);
+});
+
+test("decisions: loads in the unit of what is imposed, each action by its own mark, the risk beside the allowed one", () => {
+  const spec = chart("decisions");
+  // Of the record: 0.5 mm imposed at time 1, so 0.1 mm at 0.2.
+  assert.equal(spec.yLabel, "imposed [mm]");
+  const of = (label: string) => spec.series.find((s) => s.label.startsWith(label))!;
+  const at = whole.lines.findIndex((l) => l.time >= 0.2 - 1e-9);
+  const { time, decision } = whole.lines[at]!;
+  near(of("load to").values[at], 0.5 * decision!.time, 1e-6);
+  near(of("where the specimen is").values[at], 0.5 * time, 1e-6);
+  assert.equal(of("load to").values[last], null);
+  near(of("hold").values[last], 0.5 * whole.lines[last]!.time, 1e-6);
+  assert.equal(of("stop"), undefined);
+  const risk = chart("risk");
+  near(risk.series[1]!.values[5], whole.lines[5]!.decision!.failure_probability);
+  near(risk.series[0]!.values[5], 0.05);
+  const { load, ...none } = whole;
+  void load;
+  assert.equal(chart("decisions", none as Report).yLabel, "model time t [–]");
 });
 
 test("an alarm is marked where it begins", () => {

@@ -19,6 +19,7 @@ import {
   qqSpec,
   residualSpec,
 } from "./curves";
+import { decisionsSpec, riskSpec } from "./decisions";
 import { forecastDensitySpec, marginalSpec } from "./densities";
 import { firstProbe, mapsContent } from "./maps";
 import type { MeshSensor } from "./mesh_svg";
@@ -199,6 +200,10 @@ function assimilation(r: Assimilation, name: string, of: string, theme: Theme, c
       );
     case "forecast_density":
       return q && charts(forecastDensitySpec(r, q, chosen, theme));
+    case "decisions":
+      return charts(decisionsSpec(r, theme));
+    case "risk":
+      return charts(riskSpec(r, theme));
     case "information":
       return charts(informationSpec(r, theme));
     case "evidence":

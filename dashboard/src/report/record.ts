@@ -1,7 +1,7 @@
 /** What a report holds as JSON: the record that the program left, and what its pictures need of the model. All numbers are SI. */
 import { prettyUnits } from "../format";
 import { loadingAt } from "../signal";
-import type { Model, ParameterDescription, QuantityDescription, StepLine } from "../types";
+import type { Decision, Model, ParameterDescription, QuantityDescription, StepLine } from "../types";
 
 /** A density of one number on increasing points. */
 export interface Density {
@@ -10,7 +10,15 @@ export interface Density {
   values?: number[];
 }
 
+export interface ReportDecision extends Decision {
+  failure_probability: number;
+  allowed_probability: number;
+  /** Model time beyond which the risk allows no load. */
+  furthest: number;
+}
+
 export interface ReportLine extends StepLine {
+  decision?: ReportDecision;
   marginals?: Record<string, Density>;
   monitor?: {
     cumulative_sum: number;
@@ -280,6 +288,13 @@ export function quantilesOf(density: Density, levels: readonly number[]): number
   });
 }
 
+/** What is imposed at a time, where the record has it. */
+export function imposedAt({ load }: Assimilation, time: number | undefined): QuantityDescription["loading"] {
+  if (!load || time === undefined) return undefined;
+  const loading = { name: "imposed_displacement", units: "m", values: load.displacement };
+  return loadingAt({ times: load.time, loading }, time);
+}
+
 /** What the live page is told once, from what the summary says. */
 export function modelOf(record: Assimilation): Model {
   const { summary } = record;
@@ -295,13 +310,8 @@ export function modelOf(record: Assimilation): Model {
       ...(prior ? { levels, values: quantilesOf(prior, levels) } : {}),
     };
   });
-  const { load } = record;
-  const loaded = load && {
-    times: load.time,
-    loading: { name: "imposed_displacement", units: "m", values: load.displacement },
-  };
   const loading = (time: number | undefined): Pick<QuantityDescription, "loading"> => {
-    const found = loaded && time !== undefined ? loadingAt(loaded, time) : undefined;
+    const found = imposedAt(record, time);
     return found ? { loading: found } : {};
   };
   const quantities = Object.entries(summary.forecasts ?? {}).map(([name, f]): QuantityDescription => ({

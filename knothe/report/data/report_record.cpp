@@ -53,6 +53,10 @@ Json line_record(const nlohmann::json& line, bool with_densities) {
   if (line.contains("verdict"))
     for (const char* member : {"level", "model_shift_std"})
       if (line.at("verdict").contains(member)) out["verdict"][member] = line.at("verdict").at(member);
+  if (line.contains("decision")) {
+    out["decision"] = line.at("decision");
+    out["decision"].erase("plan");
+  }
   if (!out.contains("forecast")) out["forecast"] = Json::object();
   for (auto& [name, forecast] : out["forecast"].items()) {
     forecast.erase("direct");

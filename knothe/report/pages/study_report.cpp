@@ -17,7 +17,9 @@ using Json = nlohmann::json;
 using Words = std::vector<std::string>;
 namespace fs = std::filesystem;
 
-std::string file_of(const std::string& folder) { return fs::path(folder) / "reproduce.json"; }
+std::string file_of(const std::string& folder) {
+  return fs::path(folder) / "reproduce.json";
+}
 
 Table table_of(const std::string& caption, const Words& header, const Json& rows) {
   Table table{caption, header, {}};
@@ -56,25 +58,23 @@ void add_figure(Page& page, const Json& figure, nlohmann::ordered_json& drawings
 std::string page_of(const Json& study) {
   const std::string program = study.at("created_by");
   const long seed = study.at("seed");
-  Page page("The published study, reproduced",
-            fmt::format("{}, section 6, figure by figure. {}, seed {}, {} study in {:.0f} s.",
-                        study.at("publication").get<std::string>(), program, seed,
-                        study.at("quick").get<bool>() ? "quick" : "full",
-                        study.at("elapsed_s").get<double>()));
+  Page page(
+      "The published study, reproduced",
+      fmt::format("{}, section 6, figure by figure. {}, seed {}, {} study in {:.0f} s.",
+                  study.at("publication").get<std::string>(), program, seed,
+                  study.at("quick").get<bool>() ? "quick" : "full", study.at("elapsed_s").get<double>()));
   page.tables({table_of("First of all", {"quantity", "paper", "here"}, study.at("first"))});
   page.paragraph(
       "Each section computes a figure of the paper, draws it, and compares it with the published values. The "
       "paper does not give supports, notch width and mesh; the last section repeats the conclusions under "
       "other choices.");
-  nlohmann::ordered_json record = {{"kind", "study"},
-                                   {"faces", study.at("faces")},
-                                   {"drawings", nlohmann::ordered_json::array()}};
+  nlohmann::ordered_json record = {
+      {"kind", "study"}, {"faces", study.at("faces")}, {"drawings", nlohmann::ordered_json::array()}};
   for (const Json& figure : study.at("figures")) add_figure(page, figure, record["drawings"]);
   page.section("Provenance");
   Table table{{}, {}, {{{"Program", program}}, {{"Seed", std::to_string(seed)}}}};
   for (const auto& [name, value] : study.at("machine").items())
-    table.rows.push_back(
-        {{"Machine: " + name, value.is_string() ? value.get<std::string>() : value.dump()}});
+    table.rows.push_back({{"Machine: " + name, value.is_string() ? value.get<std::string>() : value.dump()}});
   page.tables({table});
   return page.html(record);
 }
@@ -92,8 +92,7 @@ void write_study_report(const std::string& folder, const std::string& output) {
   try {
     page = page_of(study);
   } catch (const Json::exception& error) {
-    throw DataError(
-        fmt::format("{}: not what `knothe reproduce` writes: {}", file_of(folder), error.what()));
+    throw DataError(fmt::format("{}: not what `knothe reproduce` writes: {}", file_of(folder), error.what()));
   }
   files::write_text_atomically(output, page);
 }
