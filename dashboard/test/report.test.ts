@@ -335,6 +335,37 @@ test("densities are those of the step looked at, over the prior", () => {
   assert.equal(crack.yLabel, "probability density [1/mm]");
 });
 
+test("densities far narrower than the axis are drawn: an answer that jumps between two wrong places", () => {
+  const wrong = record();
+  wrong.lines.forEach((l, i) => {
+    const [middle, std] = [i < 20 ? 0.5 + 2e-6 : 1.5 - 2e-6, 1e-7];
+    const points = Array.from({ length: 41 }, (_, k) => middle + std * (-4 + k / 5));
+    l.marginals!.Y0 = {
+      points,
+      density: points.map((x) => Math.exp(-0.5 * ((x - middle) / std) ** 2) / (std * Math.sqrt(2 * Math.PI))),
+    };
+  });
+  const spec = chart("marginal:0", wrong);
+  const peak = 1 / (1e-7 * Math.sqrt(2 * Math.PI));
+  for (const s of spec.series.slice(1)) near(Math.max(...s.values.map((v) => v ?? 0)), peak, 1e-6);
+  // Beside its points a density is 0, not a slope to the next point of the grid.
+  const front = spec.series.at(-1)!;
+  const beside = spec.times.filter((_, i) => front.values[i]! > 0).map((t) => Math.abs(t - 1.5));
+  assert.ok(Math.max(...beside) < 5e-6);
+  // And of one method beside another.
+  const pair = chart("marginal:1", {
+    ...comparison,
+    contents: [0, 1].map((k) => ({
+      ...inference.content,
+      figures: {
+        ...inference.content.figures,
+        posterior: [0, 1].map(() => ({ points: [k, k + 1e-6, k + 2e-6], density: [0, 1e6, 0] })),
+      },
+    })) as never,
+  });
+  for (const s of pair.series) near(Math.max(...s.values.map((v) => v ?? 0)), 1e6, 1e-6);
+});
+
 test("information is the logarithm of the ratio of deviations", () => {
   const spec = chart("information");
   near(spec.series[0]!.values[8], 0.5 * Math.log(9 / 8), 1e-9);

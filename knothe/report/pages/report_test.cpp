@@ -111,6 +111,17 @@ TEST(Record, NumbersAreShortenedEverywhere) {
   EXPECT_EQ(value.dump(), R"({"a":[1.23,-0.000123],"b":{"c":3,"d":"1.23456"}})");
 }
 
+/// As the points of a posterior a millionth as wide as its mean: they must not become one.
+TEST(Record, NumbersOfAListThatAreCloseStayApart) {
+  nlohmann::ordered_json value = {{"points", {1.49999840123, 1.49999861234, 1.49999881111}}};
+  shorten_numbers(value, 3);
+  const auto points = value.at("points").get<std::vector<double>>();
+  for (const std::size_t i : {0u, 1u}) EXPECT_NEAR(points[i + 1] - points[i], 2e-7, 2e-8);
+  nlohmann::ordered_json equal = {1.23456, 1.23456};
+  shorten_numbers(equal, 3);
+  EXPECT_EQ(equal.dump(), "[1.23,1.23]");
+}
+
 TEST(Page, EscapesAndStaysWellFormed) {
   Page page("Title <&>", "sub");
   page.result(Usability::with_caveats, {"because <of> this"});
