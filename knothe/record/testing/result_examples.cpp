@@ -125,7 +125,7 @@ json step_line(int i, std::mt19937_64& engine) {
           {"marginals", {{"Y0", density_on_box(m0, s0)}, {"Ad", density_on_box(m1, s1)}}},
           {"forecast", {{"crack", crack_forecast(l, sl)}}},
           {"decision",
-           {{"action", i < 60 ? "load" : "hold"},
+           {{"action", i < 80 ? "load" : "hold"},
             {"time", 0.01 * (i + 2)},
             {"information", 0.4},
             {"plan", {0.01 * (i + 2), 0.9}},

@@ -215,14 +215,14 @@ TEST(AssimilationReport, TheLastDecisionStandsBelowTheBannerAndAllOfThemInASecti
   std::string html = assimilation_report(results, nullptr, "none");
   EXPECT_EQ(record::test::html_fault(html), "");
   const std::size_t next = html.find(
-      "<p class=\"next\"><b>Next: load to time 0.61</b> each measurement costs &lt;0.05&gt; nats</p>");
+      "<p class=\"next\"><b>Next: load to time 0.62</b> each measurement costs &lt;0.05&gt; nats</p>");
   ASSERT_NE(next, std::string::npos);
   EXPECT_LT(html.find("<b class=\"word\">Result"), next);
   EXPECT_LT(next, html.find("data-figure=\"specimen\""));
   EXPECT_NE(html.find("data-figure=\"decisions\""), std::string::npos);
   const auto decision = record_in(html).at("lines").at(7).at("decision");
   EXPECT_EQ(decision.at("action"), "load");
-  EXPECT_EQ(decision.at("time"), 0.09);
+  EXPECT_EQ(decision.at("time"), 0.1);
   EXPECT_FALSE(decision.contains("plan"));
   // In the load's unit where the model knows it.
   results.steps.back().decision->load = 1.24e-4;

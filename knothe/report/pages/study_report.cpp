@@ -45,7 +45,7 @@ void add_figure(Page& page, const Json& figure, nlohmann::ordered_json& drawings
     std::vector<FigurePlace> places;
     for (const Json& drawing : panel.at("drawings")) {
       places.push_back({fmt::format("drawing:{}", drawings.size()), drawing.at("title")});
-      drawings.push_back(drawing);
+      drawings.emplace_back(drawing);
     }
     page.figures(places, panel.at("caption"));
   }
