@@ -236,7 +236,7 @@ def other_choices(subject, soft, options):
         found.append(conclude(Subject(case, options), options))
         options.say(f"other choices: {i} of {len(options.others)}, {case.what}")
     chart = Chart("How far the truth is from the mean at the worst step", "choice, number in the table [–]", "truth off by, logarithmic [std]",
-                  logarithmic=True, counts=True)
+                  logarithmic=True)
     for name, label in (("m6", "m = 6"), ("m3", "m = 3"), ("best", "m = 3, best"), ("published", "m = 3, published"),
                         ("linear", "m = 3, linear")):
         chart.curve(label, [c.worst[name] for c in found], range(1, len(found) + 1), look="points")

@@ -21,7 +21,7 @@ class Chart:
     """Curves over one axis. A colour is a name or a number of the page's theme; the curves' own order where none is given."""
 
     def __init__(self, title, x, y, **more):
-        """Axes as "quantity [unit]". more: logarithmic=True; counts=True, of an axis of whole numbers; least, where the vertical one begins."""
+        """Axes as "quantity [unit]". more: logarithmic=True; least, where the vertical one begins."""
         self.entry = {"kind": "chart", "title": title, "x": x, "y": y, **more, "curves": [], "bands": [], "marks": []}
 
     def curve(self, label, y, x=None, **look):

@@ -45,7 +45,7 @@ class Test(unittest.TestCase):
         for row in figure.row_records():
             for key in ("quantity", "unit", "paper", "here", "why"):
                 self.assertTrue(row[key], row)
-        json.dumps(figure.record(), allow_nan=False)
+        json.dumps(figure.record([]), allow_nan=False)
         return figure
 
     def test_stress_is_the_laws_closed_form(self):

@@ -1,12 +1,9 @@
 /** What was decided after each step, of a project that asks. Pure. */
 import type { ChartSpec, Series } from "../chart";
 import type { Theme } from "../colour";
-import { imposed, imposedScale } from "../format";
+import { imposed, imposedScale, probability } from "../format";
 import { timeLabel } from "../specs";
-import { decade } from "./curves";
 import { imposedAt, type Assimilation, type ReportDecision } from "./record";
-
-const least = 1e-6; // of a probability on a logarithmic axis
 
 type Decided = { time: number; decision: ReportDecision | undefined };
 
@@ -55,30 +52,23 @@ export function decisionsSpec(record: Assimilation, theme: Theme): ChartSpec | u
 export function riskSpec(record: Assimilation, theme: Theme): ChartSpec | undefined {
   const all = decided(record);
   if (!all.some((d) => d.decision)) return undefined;
-  const values = (of: (d: ReportDecision) => number): (number | null)[] =>
-    all.map(({ decision: d }) => (d ? Math.max(of(d), least) : null));
+  const series = (label: string, of: (d: ReportDecision) => number, look: Partial<Series>): Series => ({
+    label,
+    values: all.map(({ decision: d }) => (d ? of(d) : null)),
+    colour: theme.blue,
+    format: probability,
+    ...look,
+  });
   return {
     name: "risk",
     times: all.map((d) => d.time),
     series: [
-      {
-        label: "allowed",
-        values: values((d) => d.allowed_probability),
-        colour: theme.red,
-        dash: [6, 4],
-        width: 1.6,
-      },
-      {
-        label: "probability of failure",
-        values: values((d) => d.failure_probability),
-        colour: theme.blue,
-        points: true,
-      },
+      series("allowed", (d) => d.allowed_probability, { colour: theme.red, dash: [6, 4], width: 1.6 }),
+      series("probability of failure", (d) => d.failure_probability, { points: true }),
     ],
     xLabel: timeLabel,
-    yLabel: "probability, logarithmic [–]",
-    logarithmic: true,
-    ticks: decade,
+    yLabel: "probability [%]",
+    factor: 100,
     height: 250,
   };
 }

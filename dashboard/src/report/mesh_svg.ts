@@ -82,7 +82,7 @@ export function meshView(spec: MeshSpec, width = 520): MeshView {
     toY: (y) => top + scale * (y1 - y),
     from: (x, y) => [x0 + (x - left) / scale, y1 - (y - top) / scale],
     width,
-    height: 16 + inside + 46,
+    height: 16 + inside + (spec.label || spec.value ? 46 : 8),
   };
 }
 

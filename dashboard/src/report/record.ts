@@ -193,7 +193,6 @@ export interface StudyChart {
   x: string;
   y: string;
   logarithmic?: boolean;
-  counts?: boolean;
   /** Where the vertical axis begins. */
   least?: number;
   curves: StudyCurve[];

@@ -56,7 +56,7 @@ function chartSpec(c: StudyChart, name: string, theme: Theme): ChartSpec {
     yLabel: c.y,
     ...(c.logarithmic ? { logarithmic: true, ticks: high < 100 * low ? halfDecade : decade } : {}),
     ...(c.least === undefined ? {} : { range: [c.least, high + 0.06 * (high - c.least)] as [number, number] }),
-    ...(c.counts ? { counts: true } : {}),
+    ...(all.every((one) => one.x.every(Number.isInteger)) ? { counts: true } : {}),
     horizontal: c.marks.flatMap((m) => (m.y === undefined ? [] : [{ ...mark(m, m.y), include: true }])),
     vertical: c.marks.flatMap((m) => (m.x === undefined ? [] : [mark(m, m.x)])),
     height: 250,

@@ -228,7 +228,7 @@ TEST(AssimilationReport, TheLastDecisionStandsBelowTheBannerAndAllOfThemInASecti
   results.steps.back().decision->load = 1.24e-4;
   results.steps.back().decision->load_units = "m";
   html = assimilation_report(results, nullptr, "none");
-  EXPECT_NE(html.find("<b>Next: load to 0.124\u00a0mm</b>"), std::string::npos);
+  EXPECT_NE(html.find("<b>Next: load to 0.124 mm</b>"), std::string::npos);
   for (record::Step& step : results.steps) step.decision.reset();
   html = assimilation_report(results, nullptr, "none");
   EXPECT_EQ(html.find("<p class=\"next\">"), std::string::npos);

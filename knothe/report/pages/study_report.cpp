@@ -63,7 +63,7 @@ std::string page_of(const Json& study) {
       fmt::format("{}, section 6, figure by figure. {}, seed {}, {} study in {:.0f} s.",
                   study.at("publication").get<std::string>(), program, seed,
                   study.at("quick").get<bool>() ? "quick" : "full", study.at("elapsed_s").get<double>()));
-  page.tables({table_of("First of all", {"quantity", "paper", "here"}, study.at("first"))});
+  page.tables({table_of("In short", {"quantity", "paper", "here"}, study.at("first"))});
   page.paragraph(
       "Each section computes a figure of the paper, draws it, and compares it with the published values. The "
       "paper does not give supports, notch width and mesh; the last section repeats the conclusions under "
