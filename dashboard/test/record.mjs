@@ -27,7 +27,7 @@ const json = async (path) => {
 rmSync(join(root, "out/live/url"), { force: true });
 const demo = spawn("scripts/demo-live.sh", {
   cwd: root,
-  env: { ...process.env, PORT: "0" },
+  env: { ...process.env, PORT: "0", RATE: "1" }, // slow enough to be taken step by step
   stdio: ["ignore", "inherit", "inherit"],
 });
 let url = "";
