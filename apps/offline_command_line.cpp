@@ -107,7 +107,7 @@ CLI::App& add_command(CLI::App& parent, ReproduceArguments& arguments) {
       "The published study, figure by figure, compared with its published values (runs a program in Python).",
       "knothe reproduce --quick -o reproduction/\n"
       "writes reproduction/reproduce.html (open it in a browser) and reproduction/reproduce.json;\n"
-      "models are kept there and used again. Needs Python: numpy, h5py, matplotlib, knothe.");
+      "models are kept there and used again. Needs Python: numpy, h5py, knothe.");
   command.add_flag("--quick", arguments.quick,
                    "fewer other choices and repetitions, same figures: minutes, not an hour");
   command.add_flag("--json", arguments.json, "JSON lines on stdout, one per row");

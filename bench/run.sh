@@ -58,6 +58,11 @@ case driven_tests in *"${1:-}"*)
   PYTHONPATH=build/release/python /usr/bin/python3 bench/driven_tests.py "$knothe"
 esac
 
+case pictures_with_force in *"${1:-}"*)
+  echo "== pictures_with_force"
+  PYTHONPATH=build/release/python /usr/bin/python3 bench/pictures_with_force.py "$knothe"
+esac
+
 case inference_calls in *"${1:-}"*)
   echo "== inference_calls"
   python3 bench/inference_calls.py "$knothe"

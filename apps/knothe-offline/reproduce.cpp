@@ -34,7 +34,7 @@ void prefer_package_of_build_tree() {
 bool has_modules(const std::string& python) {
   try {
     ProgramCall call;
-    call.words = {python, "-c", "import numpy, h5py, matplotlib, knothe"};
+    call.words = {python, "-c", "import numpy, h5py, knothe"};
     return run_program(call).status == 0;
   } catch (const IoError&) {
     return false;  // there is no such program
@@ -48,9 +48,9 @@ std::string interpreter(const fs::path& study) {
   for (const std::string& python : candidates)
     if (has_modules(python)) return python;
   throw Error(ExitStatus::internal,
-              fmt::format("the published study is a program in Python, and {} has not all of numpy, h5py, "
-                          "matplotlib and the package knothe: install them (Debian: python3-knothe, "
-                          "python3-h5py, python3-matplotlib) and run `knothe reproduce` again, name another "
+              fmt::format("the published study is a program in Python, and {} has not all of numpy, h5py "
+                          "and the package knothe: install them (Debian: python3-knothe, "
+                          "python3-h5py) and run `knothe reproduce` again, name another "
                           "interpreter by the environment variable KNOTHE_PYTHON, or run it by hand: "
                           "KNOTHE={} python3 {} --quick",
                           fmt::join(candidates, ", "), program_beside("knothe"), study.string()));

@@ -255,6 +255,8 @@ function options(live: Live, width: number, height: number, hover: (index: numbe
     grid: { stroke: theme.grid, width: 1 },
     ticks: { stroke: theme.grid, width: 1, size: 4 },
   };
+  const labelled = (_u: uPlot, places: number[]): (number | null)[] =>
+    places.map((v) => (live.current.spec.ticks?.(v) === "" ? null : v));
   const bands = spec.series.flatMap((s, i): uPlot.Band[] =>
     s.bandTo === undefined ? [] : [{ series: [i + 1, s.bandTo + 1], fill: through(s.colour, s.opacity ?? 0.25) }],
   );
@@ -298,6 +300,9 @@ function options(live: Live, width: number, height: number, hover: (index: numbe
         : []),
       {
         ...axis,
+        // Of a logarithmic axis only the lines that are labelled: those between would merge into bands.
+        grid: { ...axis.grid, filter: labelled },
+        ticks: { ...axis.ticks, filter: labelled },
         scale: "y",
         label: spec.yLabel,
         labelSize: 20,

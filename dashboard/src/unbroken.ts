@@ -2,10 +2,11 @@
 import { options, type ComponentChild, type VNode } from "preact";
 
 const beforeUnit = /(?<=[\d⁰¹²³⁴⁵⁶⁷⁸⁹]) (?=(?:%|σ|px|nats|[GMkmµn]?(?:m|N|Pa|J|s|Hz|V|W))(?![A-Za-z]))/g;
+const beforeSpread = /(?<=\d) (?=±)/g;
 const behindSign = /(?<=[<>=±×]) (?=[−\d])/g;
 
 export function unbroken(text: string): string {
-  return text.replace(beforeUnit, "\u00a0").replace(behindSign, "\u00a0");
+  return text.replace(beforeUnit, "\u00a0").replace(beforeSpread, "\u00a0").replace(behindSign, "\u00a0");
 }
 
 /** In what is written already, and in all that will be rendered. */

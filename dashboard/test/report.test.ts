@@ -113,6 +113,48 @@ const curves = {
   ],
 };
 
+const study = {
+  kind: "study" as const,
+  faces: [{ points: whole.specimen!.points, cells: whole.specimen!.cells }],
+  drawings: [
+    {
+      kind: "chart" as const,
+      title: "Truth off by",
+      x: "step [–]",
+      y: "truth off by, logarithmic [std]",
+      logarithmic: true,
+      curves: [
+        { label: "a", x: [1, 2, 3], y: [1, null, 4], points: true },
+        { label: "b", x: [1, 3], y: [2, 300], colour: "red" as const, look: "points" as const },
+      ],
+      bands: [{ label: "a, middle 90 %", x: [1, 3], low: [0.5, 2], high: [2, 8], colour: 0 }],
+      marks: [
+        { label: "limit", colour: "faint" as const, y: 1000 },
+        { label: "onset", x: 2 },
+      ],
+    },
+    {
+      kind: "densities" as const,
+      title: "Crack length",
+      label: "crack length at the end",
+      units: "m",
+      steps: [0, 9].map((step) => ({ step, points: [0.01, 0.02, 0.03], density: [0, 100, 0] })),
+      truth: 0.02,
+    },
+    {
+      kind: "map" as const,
+      title: "Space mode 1",
+      face: 0,
+      label: "horizontal component, largest 1",
+      units: "1",
+      signed: true,
+      field: { x: [0, 0.5, 1, 0.5], y: [0, 0, -2, 0] },
+      sensors: [{ x: 0.05, y: 0.05, words: "chosen, horizontal" }],
+    },
+    { kind: "map" as const, title: "Sensors", face: 0, label: "", units: "", signed: false },
+  ],
+};
+
 /** A square of two by one elements of 10 px, stretched by 1 % to the right in the second picture. */
 const grid: [number, number][] = [
   [0, 0],
@@ -142,7 +184,7 @@ const maps = {
 const all: [Report, string[]][] = [
   [
     whole,
-    "specimen measured:0 load residuals quantiles noise residual_map:x marginal:0 parameter:0 pairs forecast:crack forecast_density:crack information evidence monitor models timing order diagnostic mode:0 crack:0 functions:0".split(
+    "specimen measured:0 load residuals quantiles noise residual_map:x marginal:0 parameter:0 pairs forecast:crack forecast_density:crack information decisions risk evidence monitor models timing order diagnostic mode:0 crack:0 functions:0".split(
       " ",
     ),
   ],
@@ -150,6 +192,7 @@ const all: [Report, string[]][] = [
   [comparison, ["marginal:1"]],
   [selection, ["curve:0", "field:0"]],
   [curves, ["curves:0"]],
+  [study, ["drawing:0", "drawing:1", "drawing:2", "drawing:3"]],
   [maps, ["map:u", "map:v", "slice", "extensometer"]],
 ];
 
@@ -292,10 +335,61 @@ test("densities are those of the step looked at, over the prior", () => {
   assert.equal(crack.yLabel, "probability density [1/mm]");
 });
 
+test("densities far narrower than the axis are drawn: an answer that jumps between two wrong places", () => {
+  const wrong = record();
+  wrong.lines.forEach((l, i) => {
+    const [middle, std] = [i < 20 ? 0.5 + 2e-6 : 1.5 - 2e-6, 1e-7];
+    const points = Array.from({ length: 41 }, (_, k) => middle + std * (-4 + k / 5));
+    l.marginals!.Y0 = {
+      points,
+      density: points.map((x) => Math.exp(-0.5 * ((x - middle) / std) ** 2) / (std * Math.sqrt(2 * Math.PI))),
+    };
+  });
+  const spec = chart("marginal:0", wrong);
+  const peak = 1 / (1e-7 * Math.sqrt(2 * Math.PI));
+  for (const s of spec.series.slice(1)) near(Math.max(...s.values.map((v) => v ?? 0)), peak, 1e-6);
+  // Beside its points a density is 0, not a slope to the next point of the grid.
+  const front = spec.series.at(-1)!;
+  const beside = spec.times.filter((_, i) => front.values[i]! > 0).map((t) => Math.abs(t - 1.5));
+  assert.ok(Math.max(...beside) < 5e-6);
+  // And of one method beside another.
+  const pair = chart("marginal:1", {
+    ...comparison,
+    contents: [0, 1].map((k) => ({
+      ...inference.content,
+      figures: {
+        ...inference.content.figures,
+        posterior: [0, 1].map(() => ({ points: [k, k + 1e-6, k + 2e-6], density: [0, 1e6, 0] })),
+      },
+    })) as never,
+  });
+  for (const s of pair.series) near(Math.max(...s.values.map((v) => v ?? 0)), 1e6, 1e-6);
+});
+
 test("information is the logarithm of the ratio of deviations", () => {
   const spec = chart("information");
   near(spec.series[0]!.values[8], 0.5 * Math.log(9 / 8), 1e-9);
   assert.equal(spec.series[0]!.values[0], null);
+});
+
+test("decisions: loads in the unit of what is imposed, each action by its own mark, the risk beside the allowed one", () => {
+  const spec = chart("decisions");
+  // Of the record: 0.5 mm imposed at time 1, so 0.1 mm at 0.2.
+  assert.equal(spec.yLabel, "imposed [mm]");
+  const of = (label: string) => spec.series.find((s) => s.label.startsWith(label))!;
+  const at = whole.lines.findIndex((l) => l.time >= 0.2 - 1e-9);
+  const { time, decision } = whole.lines[at]!;
+  near(of("load to").values[at], 0.5 * decision!.time, 1e-6);
+  near(of("where the specimen is").values[at], 0.5 * time, 1e-6);
+  assert.equal(of("load to").values[last], null);
+  near(of("hold").values[last], 0.5 * whole.lines[last]!.time, 1e-6);
+  assert.equal(of("stop"), undefined);
+  const risk = chart("risk");
+  near(risk.series[1]!.values[5], whole.lines[5]!.decision!.failure_probability!);
+  near(risk.series[0]!.values[5], 0.05);
+  const { load, ...none } = whole;
+  void load;
+  assert.equal(chart("decisions", none as Report).yLabel, "model time t [–]");
 });
 
 test("an alarm is marked where it begins", () => {
@@ -332,6 +426,62 @@ test("selection: from the prior down, each curve over its own numbers", () => {
   const plain = chart("curves:0", curves);
   assert.deepEqual(plain.series[0]!.values, [0, undefined, 2]);
   assert.deepEqual(plain.series[1]!.values, [0, 1, 3]);
+});
+
+test("the study: curves, bands and marks as its record has them, colours of the theme", () => {
+  const spec = chart("drawing:0", study);
+  assert.deepEqual(spec.times, [1, 2, 3]);
+  assert.deepEqual(
+    spec.series.map((s) => [s.label, s.values]),
+    [
+      ["a, middle 90 %, low", [0.5, undefined, 2]],
+      ["a, middle 90 %", [2, undefined, 8]],
+      ["a", [1, null, 4]],
+      ["b", [2, undefined, 300]],
+    ],
+  );
+  assert.equal(spec.series[1]!.bandTo, 0);
+  assert.deepEqual(
+    spec.series.map((s) => s.colour),
+    [light.series[0], light.series[0], light.series[0], light.red],
+  );
+  assert.deepEqual([spec.horizontal![0]!.at, spec.vertical![0]!.at], [1000, 2]);
+  assert.equal(spec.ticks!(2), ""); // 0.5 to 1000: powers of ten alone
+  const dark = theme(true);
+  const other = contentOf(study, "drawing:0", dark, 0);
+  assert.ok(other && "charts" in other);
+  assert.equal(other.charts[0]!.series[3]!.colour, dark.red);
+  const crack = chart("drawing:1", study);
+  assert.equal(crack.xLabel, "crack length at the end [mm]");
+  near(Math.max(...crack.series.at(-1)!.values.map((v) => v ?? 0)), 0.1);
+  assert.deepEqual(
+    crack.vertical!.map((m) => m.at),
+    [20],
+  );
+  // Moved so that its largest component is 3 % of the length.
+  const mode = content("drawing:2", study);
+  assert.ok("mesh" in mode);
+  const length =
+    Math.max(...study.faces[0]!.points.map((p) => p[0])) - Math.min(...study.faces[0]!.points.map((p) => p[0]));
+  near(mode.mesh.shift!.y[2], -0.03 * length);
+  assert.deepEqual(rangeOfMesh(mode.mesh), [-1, 1]);
+  assert.equal(contentOf(study, "drawing:9", light, 0), undefined);
+});
+
+test("elements of one colour are one path, and cover what they did apart", () => {
+  const [nx, ny] = [40, 30];
+  const points: [number, number][] = [];
+  for (let j = 0; j <= ny; j += 1) for (let i = 0; i <= nx; i += 1) points.push([i, j]);
+  const cells = Array.from({ length: nx * ny }, (_, e) => {
+    const first = (e % nx) + (nx + 1) * Math.floor(e / nx);
+    return [first, first + 1, first + nx + 2, first + nx + 1];
+  });
+  const drawing = meshSvg(
+    { title: "t", points, cells, value: points.map(([x]) => (x < 20 ? 0 : 1)), label: "", units: "1" },
+    light,
+  );
+  assert.ok(drawing.match(/<path/g)!.length <= 49);
+  assert.ok(drawing.match(/M[\d.]+ [\d.]+L/g)!.length >= nx * ny);
 });
 
 test("a line on a map: values along it, and how much longer it becomes", () => {

@@ -33,6 +33,14 @@ export function line(i: number): ReportLine {
     marginals: { Y0: bell(mean, std), b: bell(2, 0.1) },
     monitor: { cumulative_sum: 0.3 * i, threshold: 9.5, alarm: i >= 32, smoothed_increment: 1 },
     models: { "a.h5": { probability: 0.75 }, "b.h5": { probability: 0.25 } },
+    decision: {
+      action: i < 30 ? "load" : "hold",
+      time: i < 30 ? base.time + 0.01 : base.time,
+      furthest: 0.5,
+      failure_probability: 1e-3 * i,
+      allowed_probability: 0.05,
+      message: "why",
+    },
     forecast: {
       crack: { ...base.forecast.crack!, density: { points: [0.01, 0.02, 0.03], values: [0, 100, 0] } } as never,
     },

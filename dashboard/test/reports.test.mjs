@@ -130,20 +130,35 @@ for (const report of reports) {
     await context.close();
   });
 
-  test(`${name}: nothing is wider than a phone`, async () => {
+  test(`${name}: nothing is wider than a phone, and no table is moved sideways`, async () => {
     const { page, context } = await open(report, { viewport: { width: 390, height: 844 } });
     await drawn(page);
     assert.ok((await page.evaluate(() => document.documentElement.scrollWidth)) <= 390);
+    const moved = await page.evaluate(() =>
+      [...document.querySelectorAll(".scroll")]
+        .filter((s) => s.scrollWidth > s.clientWidth)
+        .map((s) => s.innerText.slice(0, 60)),
+    );
+    assert.deepEqual(moved, []);
+    // Where a table has become a list, every number has its header's words.
+    const unnamed = await page.evaluate(() =>
+      [...document.querySelectorAll(".wide td:not(:first-child):not(:empty)")]
+        .map((td) => getComputedStyle(td, "::before").content)
+        .filter((words) => !/[\p{L}\d]/u.test(words)),
+    );
+    assert.deepEqual(unnamed, []);
+    await page.screenshot({ path: join(out, `${name}-phone.png`), fullPage: true });
     assert.deepEqual(await axeFaults(page), []);
     await context.close();
   });
 
-  test(`${name}: at most eight pages of paper`, async () => {
+  const mostPages = name.startsWith("study") ? 24 : 8; // a dozen figures of the paper
+  test(`${name}: at most ${mostPages} pages of paper`, async () => {
     const { page, context } = await open(report);
     await drawn(page);
     const pdf = await page.pdf({ format: "A4", path: join(out, `${name}.pdf`) });
     const pages = pdf.toString("latin1").match(/\/Type\s*\/Page[^s]/g).length;
-    assert.ok(pages <= 8, `${pages} pages`);
+    assert.ok(pages <= mostPages, `${pages} pages`);
     await context.close();
   });
 }

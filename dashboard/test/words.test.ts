@@ -37,7 +37,7 @@ test("no line ends between a number and its unit, nor behind a sign", () => {
   const all = "P(> 40 mm) > 99.9 %, 0.4 σ away; 28.22 ± 0.28 mm at step 3 of 5 models, 1 m per m, 210 J/m³, 4 Moves";
   assert.equal(
     unbroken(all).replace(/\u00a0/g, "_"),
-    "P(>_40_mm) >_99.9_%, 0.4_σ away; 28.22 ±_0.28_mm at step 3 of 5 models, 1_m per m, 210_J/m³, 4 Moves",
+    "P(>_40_mm) >_99.9_%, 0.4_σ away; 28.22_±_0.28_mm at step 3 of 5 models, 1_m per m, 210_J/m³, 4 Moves",
   );
 });
 

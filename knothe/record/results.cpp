@@ -60,13 +60,30 @@ void read_watch(const JsonObject& line, Step& s) {
     s.models[name] = {m.number("probability"), m.number("log_evidence"), m.number("log_bayes_factor")};
 }
 
+template <class Word>
+Word word(const JsonObject& from, const char* key, Word /*of this kind*/) {
+  const auto value = from_text<Word>(from.text_or(key));
+  if (!value) from.fail(fmt::format("\"{}\" is \"{}\"", key, from.text_or(key)));
+  return *value;
+}
+
+assimilation::Decision decision_of(const JsonObject& decision) {
+  assimilation::Decision d;
+  d.action = word(decision, "action", d.action);
+  d.time = decision.number("time");
+  d.load = decision.optional_number("load");
+  d.load_units = decision.text_or("units");
+  d.information = decision.number("information");
+  d.plan = decision.numbers("plan");
+  d.failure_probability = decision.optional_number("failure_probability");
+  d.allowed_probability = decision.optional_number("allowed_probability");
+  d.furthest = decision.number("furthest");
+  d.message = decision.text_or("message");
+  return d;
+}
+
 assimilation::Verdict verdict_of(const JsonObject& verdict) {
   using assimilation::VerdictLevel;
-  const auto word = [](const JsonObject& from, const char* key, auto otherwise) {
-    const auto value = from_text<decltype(otherwise)>(from.text_or(key));
-    if (!value) from.fail(fmt::format("\"{}\" is \"{}\"", key, from.text_or(key)));
-    return *value;
-  };
   assimilation::Verdict v;
   for (const JsonObject& r : verdict.list("reasons")) {
     assimilation::VerdictReason reason;
@@ -96,6 +113,7 @@ Step step_of(const JsonObject& line) {
   Step s;
   read_fields(line, s, s.levels);
   if (line.has("verdict")) s.verdict = verdict_of(line.object("verdict"));
+  if (line.has("decision")) s.decision = decision_of(line.object("decision"));
   read_watch(line, s);
   const JsonObject elapsed = line.object("elapsed_us");
   s.update_us = elapsed.number("update");

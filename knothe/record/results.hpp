@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "knothe/assimilation/decide/decision.hpp"
 #include "knothe/assimilation/engine/input_errors.hpp"
 #include "knothe/assimilation/update/update_result.hpp"
 
@@ -68,6 +69,7 @@ struct Step : assimilation::UpdateResult {
   std::vector<double> levels;               ///< of the quantiles
   std::map<std::string, StepModel> models;  ///< by file; empty without candidates
   std::vector<assimilation::EstimatedError> lasting_errors;
+  std::optional<assimilation::Decision> decision;  ///< of projects that ask
   double update_us = 0.0, forecast_us = 0.0, total_us = 0.0;
   std::map<std::string, DensityCurve> marginals;  ///< by parameter; may be empty
   std::map<std::string, StepForecast> forecast;   ///< by the forecast's name

@@ -2,7 +2,7 @@
 
     knothe reproduce --quick -o reproduction/
 
-runs this folder. By hand: `python3 studies/reproduction --quick`, with numpy, h5py, matplotlib and the package knothe where Python finds
+runs this folder. By hand: `python3 studies/reproduction --quick`, with numpy, h5py and the package knothe where Python finds
 them, and the program knothe on the PATH or named by the environment variable KNOTHE.
 """
 import argparse
@@ -15,12 +15,11 @@ from pathlib import Path
 
 try:
     import h5py  # noqa: F401
-    import matplotlib  # noqa: F401
     import numpy  # noqa: F401
 
     import knothe
 except ImportError as error:
-    print(f"knothe: the published study needs numpy, h5py, matplotlib and the package knothe: {error}", file=sys.stderr)
+    print(f"knothe: the published study needs numpy, h5py and the package knothe: {error}", file=sys.stderr)
     sys.exit(1)
 
 import beam
@@ -86,9 +85,13 @@ def main():
     except beam.Failed as failure:  # the program has said why
         return failure.status
     elapsed = time.monotonic() - start
-    page, file = record.write(arguments.output, figures, {
+    file, page = record.write(arguments.output, figures, {
         "program": f"knothe {knothe.__version__}", "quick": options.quick, "seed": options.seed, "repetitions": options.repetitions,
-        "reference": options.reference.what, "elapsed_s": round(elapsed, 3)})
+        "reference": options.reference.what, "elapsed_s": round(elapsed, 3)}), str(arguments.output / "reproduce.html")
+    try:
+        beam.run("report", arguments.output, "-o", page)
+    except beam.Failed as failure:
+        return failure.status
     if arguments.json:
         print(json.dumps({"done": True, "figures": len(figures), "page": page, "record": file, "elapsed_s": round(elapsed, 3)}))
     else:

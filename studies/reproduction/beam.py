@@ -5,6 +5,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import h5py
@@ -299,7 +300,7 @@ def output_at_reference(path, name) -> np.ndarray:
 
 
 class Face:
-    """The outer face of a model, for drawing: its elements and the dofs that move their nodes."""
+    """The outer face of a model, for drawing: its elements and the dofs that move their nodes; `face_of` reads it once."""
 
     def __init__(self, path):
         with h5py.File(path) as file:
@@ -309,8 +310,8 @@ class Face:
         quads = np.array([cell[outer[cell]] for cell in cells if outer[cell].sum() == 4])
         angle = points[quads][:, :, :2] - points[quads][:, :, :2].mean(1, keepdims=True)
         order = np.argsort(np.arctan2(angle[..., 1], angle[..., 0]), axis=1)
-        nodes, self.quads = np.unique(np.take_along_axis(quads, order, 1), return_inverse=True)
-        self.quads = self.quads.reshape(-1, 4)
+        nodes, self.cells = np.unique(np.take_along_axis(quads, order, 1), return_inverse=True)
+        self.cells = self.cells.reshape(-1, 4)
         self.points = points[nodes, :2]
         place = {(c, *np.round(1e9 * p).astype(int)): i for i, (p, c) in enumerate(zip(dofs, components))}
         self.dofs = [np.array([place.get((c, *np.round(1e9 * points[node]).astype(int)), -1) for node in nodes]) for c in (0, 1)]
@@ -319,20 +320,10 @@ class Face:
         """Of a field of all dofs at the face's nodes; 0 where it has no such dof."""
         return np.where(self.dofs[which] < 0, 0.0, np.asarray(field)[np.maximum(self.dofs[which], 0)])
 
-    def draw(self, axes, values=None, moved=None, label="", colours="viridis", limits=(None, None)):
-        """Values at the nodes as colours of the elements; `moved`, nodes x 2, deforms it."""
-        from matplotlib.collections import PolyCollection
+    def components(self, field):
+        return [self.component(field, which) for which in (0, 1)]
 
-        corners = 1e3 * (self.points + (0 if moved is None else moved))[self.quads]
-        drawn = PolyCollection(corners, edgecolors="#ffffff40" if values is not None else "#9fb0bb", linewidths=0.2,
-                               facecolors=None if values is not None else "#e8edf0")
-        if values is not None:
-            drawn.set_array(values[self.quads].mean(1))
-            drawn.set_cmap(colours)
-            drawn.set_clim(*limits)
-            drawn.set_edgecolor("face")
-            axes.figure.colorbar(drawn, ax=axes, label=label, shrink=0.8)
-        axes.add_collection(drawn)
-        axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
-        axes.grid(False)
-        axes.autoscale_view()
+
+@lru_cache
+def face_of(path) -> Face:
+    return Face(path)

@@ -1,12 +1,11 @@
 """Fig. 14 and 15: a model with too few modes, and its correction. Beyond the paper: when the bias begins decides what a correction is
 worth."""
 import numpy as np
-from matplotlib import pyplot
 
 import beam
 from beam import TRUTH
 from experiment import assimilate, corrected, draw, predicted, smoothed
-from record import COLOURS, Figure, readable, with_uncertainty
+from record import Chart, Figure, readable, with_uncertainty
 from updating import KEYS, marginals_of
 
 SMOOTHING = 10  # steps, of the evidence
@@ -48,24 +47,21 @@ def figures_14_15(subject, options):
                     "parameters.")
     three = subject.beam.three
     runs, best = bias_runs(subject, three, marginals=True), bias_runs(subject, subject.beam.three_best)
-    for name, caption in (("m3", "Fig. 14: without correction the marginals end beside the truth."),
-                          ("published", "Fig. 15, left and centre: corrected by the extrapolated residual, Eq. 16-20 to the letter."),
+    for name, caption in (("m3", "Fig. 14 of the paper: without correction the marginals end beside the truth."),
+                          ("published", "Fig. 15 of the paper, left and centre: corrected by the extrapolated residual, Eq. 16-20 to the letter."),
                           ("linear", "The same with the recent errors of the extrapolated modes added to the covariance."),
                           ("joint", "Beyond the paper: the discrepancy integrated out. Wide where data and model cannot tell.")):
-        figure.panel(marginals_of(runs[name], 4), caption)
+        figure.panel(caption, *marginals_of(runs[name]))
     labels = {"m6": "m = 6 (reference)", "m3": "m = 3, uncorrected", "published": "m = 3, corrected (published)",
               "linear": "m = 3, corrected (linear)", "joint": "m = 3, corrected (joint)"}
-    drawn, (left, right) = pyplot.subplots(1, 2, figsize=(10.5, 3.6))
-    for (name, run), colour in zip(runs.items(), COLOURS):
-        left.plot(smoothed(run.increments, SMOOTHING), color=colour, label=labels[name])
+    evidence = Chart("Log-evidence of a datum", "step [–]", f"log-evidence, mean of {SMOOTHING} steps [nats]")
+    factor = Chart("Log Bayes factor for m = 6", "step [–]", "log Bayes factor [nats]").mark("equally good", y=0)
+    for k, (name, run) in enumerate(runs.items()):
+        evidence.curve(labels[name], smoothed(run.increments, SMOOTHING))
         if name != "m6":
-            right.plot(np.cumsum(runs["m6"].increments - run.increments), color=colour)
-    left.set(xlabel="step", ylabel=f"log-evidence of a datum, mean of {SMOOTHING} steps (nats)")
-    right.set(xlabel="step", ylabel="log Bayes factor for m = 6 (nats)", yscale="symlog")
-    right.axhline(0, color="grey", linewidth=0.8)
-    left.legend()
-    figure.panel(drawn, "Fig. 15, right: evidence of each datum, moving average over ten steps, and its sum against the reference (above "
-                        "zero: m = 6 explains the data better).")
+            factor.curve(f"against {labels[name]}", np.cumsum(runs["m6"].increments - run.increments), colour=k)
+    figure.panel("Fig. 15 of the paper, right: evidence of each datum, moving average over ten steps, and its sum against the reference "
+                 "(above zero: m = 6 explains the data better).", evidence, factor)
 
     def row(quantity, paper, run, other=None, why=""):
         last = f"Last: {estimates(run)}."
@@ -196,17 +192,19 @@ def bias_onset(subject, options):
                     "the first two from the alarm on, the data since the drift began being assimilated again (§4.3).")
     joint_draws = min(options.repetitions, QUICK_JOINT_DRAWS if options.quick else JOINT_DRAWS)
     study, early = onset_runs(subject, options, joint_draws), early_runs(subject, options)
-    drawn, axes = pyplot.subplots(2, 2, figsize=(10.5, 6.4), sharex=True)
-    for line, (what, words) in zip(axes, (("worst", "worst step after the onset"), ("last", "last step"))):
-        for place, shown in zip(line, ((0, 1, 2, 3), (0, 4, 5))):
-            for b in shown:
-                name = list(TREATMENTS)[b]
+    charts = []
+    for what, words in (("worst", "worst step after the onset"), ("last", "last step")):
+        for way, names in (("corrected at every step", ("uncorrected", "published", "linear", "joint")),
+                           ("corrected from the alarm on", ("uncorrected", "published, from the alarm", "linear, from the alarm"))):
+            chart = Chart(f"Truth off by at the {words}, {way}", "step at which the bias begins [–]", "truth off by, logarithmic [std]",
+                          logarithmic=True)
+            for name in names:
                 low, middle, high = np.array([np.quantile(getattr(study[at, name], what), (0.05, 0.5, 0.95)) for at in ONSETS]).T
-                place.fill_between(ONSETS, low, high, color=COLOURS[b], alpha=0.12, linewidth=0)
-                place.semilogy(ONSETS, middle, "o-", color=COLOURS[b], markersize=4, label=name)
-            place.set(ylabel=f"truth off by, std: {words}", xlabel="step at which the bias begins")
-            place.legend()
-    figure.panel(drawn, "Distance of the truth from the mean, the worse parameter: median over the draws, and the range of the middle 90 %.")
+                colour = list(TREATMENTS).index(name)
+                chart.band(f"{name}, middle 90 %", low, high, ONSETS, colour=colour)
+                chart.curve(name, middle, ONSETS, points=True, colour=colour)
+            charts.append(chart)
+    figure.panel("Distance of the truth from the mean, the worse parameter: median over the draws, and the range of the middle 90 %.", *charts)
     header = ["bias from step", "correction", "worst after it, std", "last, std", "error of A_d, rms, %", "evidence, nats",
               "came on: runs, median step"]
     draws = f"over {options.repetitions} draws of noise and nodes"

@@ -200,19 +200,3 @@ class Subject:
 def smoothed(values, width):
     """Moving average over `width` values around each; fewer at the ends."""
     return [np.mean(values[max(0, i - width // 2):i + (width + 1) // 2]) for i in range(len(values))]
-
-
-def marginals_figure(axes, run, k, stride, label):
-    """Successive marginals of a parameter, early ones pale."""
-    from matplotlib import colormaps
-
-    shown = [i for i in range(len(run.marginals)) if i % stride == 0 or i + 1 == len(run.marginals)]
-    for i in shown:
-        points, density = run.marginals[i][k]
-        axes.plot(points, density, color=colormaps["viridis_r"](0.1 + 0.9 * i / len(run.marginals)), linewidth=0.7)
-    points, density = run.priors[k]
-    axes.plot(points, density, "k--", linewidth=1, label="prior")
-    axes.plot(*run.marginals[-1][k], color="k", linewidth=1.6, label="last step")
-    axes.axvline(TRUTH[k], color="#c44e52", linewidth=1, label="truth")
-    axes.set(xlabel=f"{label} over its reference", ylabel="density", xlim=(points[0], points[-1]))
-    axes.legend()

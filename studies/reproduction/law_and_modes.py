@@ -1,12 +1,12 @@
 """Fig. 5 to 7 and 10 to 12: the damage law, the modes of the reduced model, the elastic beams with a crack."""
 import h5py
 import numpy as np
-from matplotlib import pyplot
 
 import beam
 from experiment import model_of
-from record import COLOURS, Figure, readable
+from record import LABELS, Chart, Figure, Map, readable
 
+LEAST_SHOWN = 1e-3  # µm, of a mode
 LEVELS = (0.5, 0.75, 1.0, 1.25, 1.5)
 
 
@@ -25,20 +25,18 @@ def figure_5(options):
                     "parameters over the ±50 % box.")
     strain = np.linspace(0, 4e-4, 161)
     figure.series(**{"strain_1e-4": 1e4 * strain})
-    drawn, both = pyplot.subplots(1, 2, figsize=(9, 3.4))
-    peaks = []
-    for axes, name, key in zip(both, ("Y₀", "A_d"), ("Y0", "Ad")):
+    peaks, charts = [], []
+    for name, other, key in zip(LABELS, LABELS[::-1], ("Y0", "Ad")):
+        chart = Chart(f"Stress over strain where {name} varies and {other} is its reference", "strain [10⁻⁴]", "stress [MPa]", least=0)
         peak = []
-        for level, colour in zip(LEVELS, COLOURS):
+        for level in LEVELS:
             curve = 1e-6 * stress(strain, **{"threshold" if key == "Y0" else "brittleness": level})
-            axes.plot(1e4 * strain, curve, color=colour, linewidth=2.4 if level == 1 else 1.4, label=f"{name} = {level:g}")
+            chart.curve(f"{name} = {level:g}", curve, 1e4 * strain, width=3 if level == 1 else 1.6)
             peak.append(curve.max())
             figure.series(**{f"stress_MPa_{key}_{level:g}": curve})
-        axes.set(xlabel="strain (10⁻⁴)", ylabel="stress (MPa)", ylim=(0, None),
-                 title=f"{name} varies, {'A_d' if key == 'Y0' else 'Y₀'} at its reference")
-        axes.legend()
+        charts.append(chart)
         peaks.append(peak)
-    figure.panel(drawn, "Parameters as multiples of their reference values.")
+    figure.panel("Parameters as multiples of their reference values.", *charts)
     lame = beam.YOUNG * beam.POISSON / ((1 + beam.POISSON) * (1 - 2 * beam.POISSON))
     onset = np.sqrt(2 * beam.THRESHOLD / (lame + beam.YOUNG / (1 + beam.POISSON)))
     figure.row("strain at which damage starts, reference values", "1e-4", "not given in figures", f"{1e4 * onset:.3f}",
@@ -52,25 +50,10 @@ def figure_5(options):
     return figure
 
 
-def exaggerated(face, field):
-    """The field as movement of the face's nodes, the largest 3 % of its length."""
-    both = np.column_stack([face.component(field, 0), face.component(field, 1)])
-    return 0.03 * np.ptp(face.points[:, 0]) / np.abs(both).max() * both
-
-
-def fields_figure(face, fields, titles, label=None):
-    """Horizontal components on the face, of modes scaled to 1; with a label as they are."""
-    drawn, all_axes = pyplot.subplots(-(-len(fields) // 2), 2, figsize=(11, 2 * -(-len(fields) // 2)), squeeze=False)
-    for axes, field, title in zip(all_axes.ravel(), fields, titles):
-        shown = face.component(field, 0)
-        if label is None:
-            face.draw(axes, shown / np.abs(shown).max(), exaggerated(face, field), "largest = 1", "RdBu_r", (-1, 1))
-        else:
-            face.draw(axes, shown, exaggerated(face, field), label)
-        axes.set_title(title)
-    for axes in all_axes.ravel()[len(fields):]:
-        axes.set_axis_off()
-    return drawn
+def modes_of(face, fields, name):
+    """Modes as they move the face, horizontal component scaled to 1."""
+    return [Map(f"{name} {k}", face, "horizontal component, largest 1", "1", signed=True,
+                field=np.array(face.components(mode)) / np.abs(face.component(mode, 0)).max()) for k, mode in enumerate(fields, 1)]
 
 
 def figures_6_7(subject):
@@ -88,22 +71,19 @@ def figures_6_7(subject):
     shape = lift[-1] / np.linalg.norm(lift[-1])
     space, temporal = np.vstack([shape, space]), np.vstack([lift @ shape, temporal])
     parameters = [np.vstack([np.ones(values.shape[1]), values]) for values in parameters]
-    face = beam.Face(models.paper)
-    figure.panel(fields_figure(face, space, [f"mode {k + 1}" for k in range(len(space))]),
-                 "Fig. 6: space modes on the outer face, horizontal component scaled to 1, deformed shape exaggerated.")
-    largest = 1e6 * np.abs(temporal).max(1) * np.abs(space).max(1)
-    drawn, three = pyplot.subplots(1, 3, figsize=(11, 3.4))
-    for k, colour in zip(range(len(space)), COLOURS):
-        sign = np.sign(temporal[k][np.argmax(np.abs(temporal[k]))])
-        three[0].plot(times, 1e6 * sign * temporal[k] * np.abs(space[k]).max(), color=colour, label=f"mode {k + 1}")
-        for axes, values, x in zip(three[1:], parameters, nodes):
-            axes.plot(x, values[k] / np.abs(values[k]).max(), ".-", color=colour)
-    three[0].set(xlabel="time (fraction of the loading)", ylabel="largest displacement (µm)", yscale="symlog")
-    for axes, name in zip(three[1:], ("Y₀", "A_d")):
-        axes.set(xlabel=f"{name} over its reference", ylabel="parameter mode, largest = 1")
-    three[0].legend(ncols=2)
-    figure.panel(drawn, "Fig. 7: time modes as the largest displacement that each makes (left), parameter modes (centre, right). Mode 1 "
-                        "is elastic: it grows with the load and does not depend on the parameters.")
+    figure.panel("Fig. 6 of the paper: the space modes on the outer face, as they move it.",
+                 *modes_of(beam.face_of(models.paper), space, "Space mode"))
+    made = 1e6 * np.abs(temporal) * np.abs(space).max(1)[:, None]
+    largest = made.max(1)
+    over_time = Chart("Largest displacement that each mode makes", "time, fraction of the loading [–]", "displacement, logarithmic [µm]",
+                      logarithmic=True)
+    over = [Chart(f"Parameter modes over {name}", f"{name} over its reference [–]", "parameter mode, largest 1 [–]") for name in LABELS]
+    for k in range(len(space)):
+        over_time.curve(f"mode {k + 1}", [v if v > LEAST_SHOWN else None for v in made[k]], times)
+        for chart, values, x in zip(over, parameters, nodes):
+            chart.curve(f"mode {k + 1}", values[k] / np.abs(values[k]).max(), x, points=True)
+    figure.panel("Fig. 7 of the paper: time modes, less than a thousandth of the noise left out, and parameter modes. Mode 1 is elastic: it "
+                 "grows with the load and does not depend on the parameters.", over_time, *over)
     figure.series(largest_displacement_by_mode_um=largest)
     paper_error, three_error, best_error = (beam.error_of(path) for path in (models.paper, models.three, models.three_best))
     figure.row("parameter modes of mode 1", "1", "unit functions: elastic", "1 everywhere, exactly",
@@ -129,20 +109,17 @@ def figures_10_12(subject):
                     f"{len(lengths)} elastic solutions for a unit imposed displacement, with a vertical crack of 0 to 79 mm from the right "
                     "corner of the notch, on a mesh of their own with 1 mm elements along the crack; interpolated to the dofs of the "
                     "damage model, then a singular value decomposition (Eq. 32).")
-    face = beam.Face(subject.model)
+    face = beam.face_of(subject.model)
     shown = [int(np.argmin(np.abs(lengths - length))) for length in (0.0, 0.025, 0.075)]
-    figure.panel(fields_figure(face, [coefficients[i] @ modes for i in shown],
-                               [f"crack of {1e3 * lengths[i]:.0f} mm" for i in shown], "u_x / imposed"),
-                 "Fig. 10: horizontal displacement for three lengths.")
-    figure.panel(fields_figure(face, modes[:6], [f"mode {k + 1}" for k in range(6)]),
-                 "Fig. 11: the first six space modes, scaled to 1.")
-    drawn, both = pyplot.subplots(1, 2, figsize=(9, 3.2))
+    figure.panel("Fig. 10 of the paper: horizontal displacement for three lengths of the crack.",
+                 *(Map(f"Elastic beam, crack of {1e3 * lengths[i]:.0f} mm", face, "horizontal displacement per imposed one", "1", signed=True,
+                       field=face.components(coefficients[i] @ modes)) for i in shown))
+    figure.panel("Fig. 11 of the paper: the first six space modes of these beams.", *modes_of(face, modes[:6], "Mode of the crack"))
+    charts = [Chart(f"Functions of the crack length, {which}", "crack length [mm]", "function times singular value [–]")
+              for which in ("modes 1 and 2", "modes 3 to 6")]
     for k in range(6):
-        both[0 if k < 2 else 1].plot(1e3 * lengths, coefficients[:, k], color=COLOURS[k], label=f"mode {k + 1}")
-    for axes in both:
-        axes.set(xlabel="crack length (mm)", ylabel="function times singular value")
-        axes.legend()
-    figure.panel(drawn, "Fig. 12: the functions of the length, times their singular values; the small ones apart.")
+        charts[k > 1].curve(f"mode {k + 1}", coefficients[:, k], 1e3 * lengths, colour=k)
+    figure.panel("Fig. 12 of the paper: the functions of the length, times their singular values; the small ones apart.", *charts)
     sigma = np.linalg.norm(coefficients, axis=0)  # the coefficients are sigma_k v_k with orthonormal v_k
     rest = np.sqrt(np.maximum(0, 1 - np.concatenate([[0], np.cumsum(sigma**2)]) / np.sum(sigma**2)))
     needed = [int(np.argmax(rest <= tolerance)) for tolerance in (1e-2, 1e-3)]

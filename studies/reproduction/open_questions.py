@@ -5,13 +5,12 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from matplotlib import pyplot
 
 import beam
 from beam import ESTIMATE_STD, MODES, TRUTH
 from bias import bias_runs
 from experiment import Subject, draw, predicted
-from record import COLOURS, LABELS, Figure, extent, log_axis, readable, steps_text, with_uncertainty
+from record import LABELS, Chart, Figure, extent, readable, steps_text, with_uncertainty
 from selection import assimilate_chosen, camera_of, mean_step
 from updating import KEYS, forecast_run
 
@@ -101,13 +100,11 @@ def decompositions(subject, options):
             o.estimates.append([with_uncertainty(run.mean[k], run.std[k]) for k in range(2)])
         options.say(f"decompositions: {i + 1} of {len(truths)} truths")
     shown = int(np.argmin(on_node))
-    drawn, axes = pyplot.subplots(figsize=(9.5, 3.8))
-    for (name, o), colour in zip(list(outcomes.items())[1:], COLOURS):
-        axes.semilogy(np.maximum(o.shift[shown], 1e-3), color=colour, label=name)
-    axes.set(xlabel="step", ylabel="shift of the mean, std")
-    axes.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1))
-    figure.panel(drawn, f"How far the mean is from that of the uncompressed snapshots. Data of the beam at ({truths[shown][0]:g}, "
-                        f"{truths[shown][1]:g}), between the nodes of the grid.")
+    chart = Chart("How far the mean is from that of the uncompressed snapshots", "step [–]", "shift of the mean, logarithmic [std]",
+                  logarithmic=True)
+    for name, o in list(outcomes.items())[1:]:
+        chart.curve(name, np.maximum(o.shift[shown], 1e-3))
+    figure.panel(f"Data of the beam at ({truths[shown][0]:g}, {truths[shown][1]:g}), between the nodes of the grid.", chart)
     figure.tables.append(("Data of the full-order model at (1, 1) in place of data of m = 6: the effect of truncation on a real assimilation, "
                           "which the paper's own test cannot show.",
                           ["model that assimilates", "Y₀", "A_d", "truth off by, std", "std over that of the snapshots",
@@ -159,19 +156,16 @@ def supports_and_loading(subject, soft, options):
     figure = Figure("supports", "Load, crack length, and where the loading ends",
                     "Not in the paper, which gives neither mesh nor supports. Three beams; and stds where the loading ends earlier, noise of "
                     "0.5 µm, m = 6. That a spring in series does not give the paper's crack length is in docs/benchmarks/reproduction.md.")
-    drawn, axes = pyplot.subplots(figsize=(9.5, 3.6))
-    rows = []
-    for each, colour in zip((subject, coarse, soft), COLOURS):
+    rows, chart = [], Chart("The load that each beam bears", "imposed displacement [mm]", "load [kN]", least=0)
+    for each in (subject, coarse, soft):
         force = beam.output_at_reference(each.model, "reaction_force")
-        axes.plot(0.4 * (np.arange(len(force)) + 1) / len(force), 1e-3 * force, color=colour, label=each.beam.case.what)
+        chart.curve(each.beam.case.what, 1e-3 * force, 0.4 * (np.arange(len(force)) + 1) / len(force))
         run = forecast_run(each, {"end": 1.0}, options)
         length = run.records[-1]["forecast"]["end"]
         rows.append([each.beam.case.what, str(force.argmax()), steps_text(run.high_order_steps()),
                      *(with_uncertainty(run.mean[k], run.std[k]) for k in range(2)),
                      with_uncertainty(1e3 * length["mean"], 1e3 * length["std"])])
-    axes.set(xlabel="imposed displacement (mm)", ylabel="load (kN)", ylim=(0, None))
-    axes.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1))
-    figure.panel(drawn, "The load that each beam bears at the reference parameters, before and after it cracks.")
+    figure.panel("At the reference parameters, before and after each beam cracks.", chart)
     figure.tables.append(("Data of each beam's own m = 6 at (1, 1), 60 dofs, 1 µm.",
                           ["beam", "load peaks at step", "steps with maps of higher order", "Y₀", "A_d", "crack length at the end, mm"], rows))
 
@@ -241,22 +235,19 @@ def other_choices(subject, soft, options):
     for i, case in enumerate(options.others, 1):
         found.append(conclude(Subject(case, options), options))
         options.say(f"other choices: {i} of {len(options.others)}, {case.what}")
-    drawn, axes = pyplot.subplots(figsize=(9.5, 0.45 * len(found) + 1))
-    for k, (name, label) in enumerate((("m6", "m = 6"), ("m3", "m = 3"), ("best", "m = 3, best"), ("published", "m = 3, published"),
-                                       ("linear", "m = 3, linear"))):
-        axes.plot([c.worst[name] for c in found], range(len(found)), "o", color=COLOURS[k], label=label)
-    axes.set(yticks=range(len(found)), yticklabels=[c.choice for c in found], xlabel="truth off by at the worst step, std")
-    log_axis(axes.xaxis)
-    axes.invert_yaxis()
-    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
-    figure.panel(drawn, "How far the truth is from the mean at the worst step, with each choice.")
+    chart = Chart("How far the truth is from the mean at the worst step", "choice, number in the table [–]", "truth off by, logarithmic [std]",
+                  logarithmic=True)
+    for name, label in (("m6", "m = 6"), ("m3", "m = 3"), ("best", "m = 3, best"), ("published", "m = 3, published"),
+                        ("linear", "m = 3, linear")):
+        chart.curve(label, [c.worst[name] for c in found], range(1, len(found) + 1), look="points")
+    figure.panel("With each choice of the table below.", chart)
     figure.tables.append(("One thing changed at a time; data of each choice's own m = 6, 60 dofs, 1 µm.",
                           ["choice", *LABELS, "half the prior's std at step: A_d, Y₀", "final crack length, mm",
                            "truth off by at the worst step, std: m = 6, m = 3, m = 3 (best), m = 3 published, m = 3 linear",
                            "evidence lost by m = 3, nats", "chosen dofs on the right, %", "std selected / random: Y₀, A_d"],
-                          [[c.choice, *c.estimates, ", ".join("never" if s >= 100 else str(s) for s in c.learnt[::-1]), readable(c.length),
+                          [[f"{i}: {c.choice}", *c.estimates, ", ".join("never" if s >= 100 else str(s) for s in c.learnt[::-1]), readable(c.length),
                             ", ".join(readable(c.worst[name], 2) for name in ("m6", "m3", "best", "published", "linear")), readable(c.lost),
-                            f"{100 * c.right:.0f}", ", ".join(readable(v, 2) for v in c.ratio)] for c in found]))
+                            f"{100 * c.right:.0f}", ", ".join(readable(v, 2) for v in c.ratio)] for i, c in enumerate(found, 1)]))
 
     def count(conclusion, paper, why, holds):
         failing = [c.choice for c in found if not holds(c)]

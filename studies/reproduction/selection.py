@@ -5,13 +5,12 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from matplotlib import pyplot
 
 import beam
 import knothe
 from beam import NOISE, TRUTH
 from experiment import assimilate, model_of, predicted, project_text, write_data
-from record import COLOURS, LABELS, Figure, readable
+from record import LABELS, Chart, Figure, Map, readable
 from updating import KEYS, marginals_of, stds_of
 
 SCALE = 0.25e-3  # m per px
@@ -41,11 +40,11 @@ class Camera:
         kept = beside[:, None] | above[None]
         quads = np.stack([numbers[:-1, :-1], numbers[1:, :-1], numbers[1:, 1:], numbers[:-1, 1:]], -1)[kept]
         used, quads = np.unique(quads, return_inverse=True)
-        self.triangles = quads.reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+        self.cells = quads.reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
         self.points = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)[used]
         origin = (MARGIN + HALF_WIDTH / SCALE, MARGIN + beam.HEIGHT / SCALE)
         pixels = np.column_stack([origin[0] + self.points[:, 0] / SCALE, origin[1] - self.points[:, 1] / SCALE])
-        correlation = knothe.Correlation(picture, mesh=(pixels, self.triangles[:, ::-1].astype(np.int32)), threads=1)
+        correlation = knothe.Correlation(picture, mesh=(pixels, self.cells[:, ::-1].astype(np.int32)), threads=1)
         moved = correlation.correlate(picture + random.standard_normal(picture.shape))
         up = np.tile([1.0, -1.0], len(self.points))
         self.matrix = up[:, None] * moved.precision().toarray() * up  # M / (2 gamma^2), px
@@ -114,28 +113,20 @@ def figures_16_17(subject, options):
     figure = Figure("16-17", "Sensitivity fields, and the dofs chosen by them",
                     f"Eq. 34 at the mean time (step {step}) and the reference parameters. The camera: a speckle picture of the central 240 mm, "
                     f"0.25 mm a pixel, linear triangles of 6 mm ({len(camera.sensors)} dofs), M_DIC by Eq. 27; S₁₂ weighted by it.")
-    face = beam.Face(model)
-    sensitivity = 1e6 * np.abs(model_of(model).jacobian(TRUTH, step))
-    fields = [sensitivity[:, 0], sensitivity[:, 1], sensitivity.prod(1)]
-    drawn, grid = pyplot.subplots(2, 3, figsize=(12.5, 3.4))
-    for component, line in enumerate(grid):
-        for axes, field, name, unit in zip(line, fields, ("S₁ (Y₀)", "S₂ (A_d)", "S₁₂ = S₁ S₂"), ("µm per unit",) * 2 + ("µm²",)):
-            face.draw(axes, face.component(field, component), label=unit)
-            axes.set_title(f"{name}, {'xy'[component]}")
-    figure.panel(drawn, "Fig. 16: |∂u/∂Y₀|, |∂u/∂A_d| and their product, horizontal (above) and vertical.")
-    drawn, three = pyplot.subplots(3, 1, figsize=(8.5, 9.5))
+    face = beam.face_of(model)
+    sensitivity = np.abs(model_of(model).jacobian(TRUTH, step))
+    figure.panel("Fig. 16 of the paper: |∂u/∂Y₀|, |∂u/∂A_d| and their product, horizontal and vertical.",
+                 *(Map(f"{name}, {'xy'[component]}", face, label, unit, value=face.component(field, component)) for component in (0, 1)
+                   for field, name, label, unit in ((sensitivity[:, 0], "S₁ (Y₀)", "∂u per unit of Y₀", "m"),
+                                                    (sensitivity[:, 1], "S₂ (A_d)", "∂u per unit of A_d", "m"),
+                                                    (1e12 * sensitivity.prod(1), "S₁₂ = S₁ S₂", "product", "µm²"))))
     scaled = weighted / np.abs(weighted).max()
-    for axes, component, title in zip(three, (0, 1, 0), ("M_DIC S₁₂, x direction", "M_DIC S₁₂, y direction", "The 30 dofs chosen")):
-        shown = axes.tripcolor(*1e3 * camera.points.T, camera.triangles, scaled[component::2], shading="gouraud")
-        drawn.colorbar(shown, ax=axes, label="largest = 1" if axes is not three[2] else "x direction", shrink=0.8)
-        axes.set(title=title, xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
-    for component, word in ((0, "horizontal"), (1, "vertical")):
-        at = [i for i in chosen if camera.horizontal[i] == (component == 0)]
-        if at:
-            three[2].plot(*1e3 * camera.sensors.points[at, :2].T, "o", markersize=5 - component, color="#c44e52", markeredgecolor="white",
-                          label=f"chosen, {word}")
-    three[2].legend(loc="upper left", facecolor="white", frameon=True)
-    figure.panel(drawn, "Fig. 17: the product weighted by the matrix of the image correlation, and the 30 dofs where it is largest.")
+    figure.panel("Fig. 17 of the paper: the product weighted by the matrix of the image correlation, and the 30 dofs where it is largest "
+                 "(circles).",
+                 *(Map(f"M_DIC S₁₂, {'xy'[component]}, and the dofs chosen", camera, f"{word}, largest 1", "1", value=scaled[component::2],
+                       signed=True, sensors=[(*camera.sensors.points[i, :2], f"chosen, {word}") for i in chosen
+                                             if camera.horizontal[i] == (component == 0)])
+                   for component, word in ((0, "horizontal"), (1, "vertical"))))
     figure.row("chosen dofs right of mid-span", "%", "all", f"{100 * camera.right[chosen].mean():.0f}",
                "u_x = 0 on the left: as the crack opens the right half moves to the right, and all of it by the same amount.",
                100 * camera.right[chosen].mean(), 100)
@@ -143,13 +134,10 @@ def figures_16_17(subject, options):
                f"{100 * camera.horizontal[chosen].mean():.0f}", "As above.", 100 * camera.horizontal[chosen].mean())
     seen = model_of(model).observe(camera.sensors)
     size = 1e6 * np.array([np.sqrt(np.mean(seen.jacobian(TRUTH, t) ** 2, axis=0)) for t in range(len(model_of(model).times))])
-    drawn, axes = pyplot.subplots(figsize=(9.5, 3))
+    chart = Chart("When each parameter moves the surface", "step [–]", "sensitivity, rms over the dofs [µm per unit]").mark("mean time", x=step)
     for k, label in enumerate(LABELS):
-        axes.plot(size[:, k], color=COLOURS[k], label=label)
-    axes.axvline(step, color="grey", linewidth=1, linestyle=":", label="mean time")
-    axes.set(xlabel="step", ylabel="sensitivity, rms over the dofs (µm per unit)")
-    axes.legend()
-    figure.panel(drawn, "When each parameter moves the surface: the mean time is one instant of this.")
+        chart.curve(label, size[:, k])
+    figure.panel("The mean time, at which the dofs are chosen, is one instant of this.", chart)
     peak = size.argmax(0)
     share = size[step] / size.max(0)
     figure.row("step where the sensitivity is largest: Y₀, A_d", "step", "mean time chosen", f"{peak[0]} and {peak[1]}",
@@ -184,10 +172,11 @@ def figure_18(subject, options):
     same = {"selected": with_correlated_noise(chosen, options.seed),
             "optimal": with_correlated_noise(camera.select_d_optimal(model, correlated=True), options.seed),
             "random": np.median([with_correlated_noise(camera.at_random(seed), seed) for seed in seeds], axis=0)}
-    for run, caption in ((selected, "Fig. 18, left: 30 selected dofs."), (random_dofs, "Fig. 18, right, read as 30 random dofs."),
-                         (random_nodes, "Fig. 18, right, read as 30 random nodes (60 dofs).")):
-        figure.panel(marginals_of(run, 4), caption)
-    figure.panel(stds_of(runs), "The same as standard deviations; besides, 30 dofs chosen by the information of all steps.")
+    for run, caption in ((selected, "Fig. 18 of the paper, left: 30 selected dofs."),
+                         (random_dofs, "Fig. 18 of the paper, right, read as 30 random dofs."),
+                         (random_nodes, "Fig. 18 of the paper, right, read as 30 random nodes (60 dofs).")):
+        figure.panel(caption, *marginals_of(run))
+    figure.panel("The same as standard deviations; besides, 30 dofs chosen by the information of all steps.", *stds_of(runs))
 
     def step_or_never(step):
         return "never" if step >= len(selected.records) else f"{step:g}"

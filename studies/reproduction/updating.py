@@ -2,43 +2,38 @@
 import json
 
 import numpy as np
-from matplotlib import pyplot
 
 import beam
 from beam import ESTIMATE, ESTIMATE_STD, HIGH_ORDER, LENGTH_MEAN, LENGTH_MODE
-from experiment import PAPER, assimilate, by_inverse_map, draw, forecasts_of, marginals_figure, predicted
-from record import COLOURS, LABELS, TRUTH, Figure, log_axis, readable, steps_text, with_uncertainty
+from experiment import PAPER, assimilate, by_inverse_map, draw, forecasts_of, predicted
+from record import LABELS, Chart, Densities, Figure, Map, readable, steps_text, with_uncertainty
 
 KEYS = ("Y0", "Ad")
 
 
-def marginals_of(run, stride=2):
-    drawn, both = pyplot.subplots(1, 2, figsize=(9.5, 3.4))
-    for k, axes in enumerate(both):
-        marginals_figure(axes, run, k, stride, LABELS[k])
-    return drawn
+def marginals_of(run):
+    """Successive marginals of both parameters."""
+    return [Densities(f"Marginal of {LABELS[k]}", f"{LABELS[k]} over its reference", "–", [each[k] for each in run.marginals], run.priors[k],
+                      beam.TRUTH[k]) for k in range(2)]
 
 
 def stds_of(runs, published=None):
     """Standard deviations over the steps, of runs by label."""
-    drawn, both = pyplot.subplots(1, 2, figsize=(9.5, 3.2))
-    for k, axes in enumerate(both):
-        for (label, run), colour in zip(runs.items(), COLOURS):
-            axes.plot(run.stds[:, k], color=colour, label=label)
+    charts = []
+    for k, name in enumerate(LABELS):
+        chart = Chart(f"Posterior standard deviation of {name}", "step [–]", "std over the reference, logarithmic [–]", logarithmic=True)
+        for label, run in runs.items():
+            chart.curve(label, run.stds[:, k])
         if published is not None:
-            axes.axhline(published[k], color=TRUTH, linewidth=1, linestyle=":", label="paper, last step")
-        axes.set(xlabel="step", ylabel=f"posterior std of {LABELS[k]}")
-        log_axis(axes.yaxis)
-    both[1].legend()
-    return drawn
+            chart.mark("paper, last step", "red", y=published[k])
+        charts.append(chart)
+    return charts
 
 
-def sensors_figure(subject):
-    drawn, axes = pyplot.subplots(figsize=(9.5, 2))
-    beam.Face(subject.model).draw(axes)
-    axes.plot(*1e3 * subject.sensors.points[:, :2].T, "o", color=COLOURS[1], markersize=3, label="measured nodes")
-    axes.legend(loc="upper right")
-    return drawn
+def sensors_map(subject):
+    places = np.unique(subject.sensors.points[:, :2], axis=0)
+    return Map("The beam and the measured nodes", beam.face_of(subject.model), "30 nodes, both components",
+               sensors=[(x, y, "measured node") for x, y in places])
 
 
 def repeated(subject, options):
@@ -66,20 +61,15 @@ def figures_8_9(subject, soft, options):
     camera = subject.assimilate(steps=pictures[pictures >= 0])
     means, stds = repeated(subject, options)
 
-    figure.panel(sensors_figure(subject), "Fig. 8: the nodes that are observed.")
-    figure.panel(marginals_of(run), "Fig. 9, left and centre: wide while the beam is elastic, then narrow around the truth.")
-    drawn, axes = pyplot.subplots(figsize=(9.5, 3.2))
-    axes.bar(range(count), run.orders, color="#c8d3da", label="order")
-    axes.set(xlabel="step", ylabel="order of the map")
-    right = axes.twinx()
-    right.semilogy(run.cpu_ms, color=COLOURS[0], label="with gradient")
-    right.semilogy(without.cpu_ms, color=COLOURS[1], label="function alone")
-    right.set_ylabel("CPU time of a step (ms)")
-    right.grid(False)
-    right.legend(handles=[*axes.get_legend_handles_labels()[0], *right.get_legend_handles_labels()[0]])
-    figure.panel(drawn, "Fig. 9, right. Bars: the order that the map of each datum needed. Lines: time to find it.")
-    figure.panel(stds_of({"reference": run, "coarse, soft supports": soft_run}, ESTIMATE_STD),
-                 "Standard deviations, and the paper's last ones. How well Y₀ is known depends on the mesh.")
+    figure.panel("Fig. 8 of the paper: the nodes that are observed.", sensors_map(subject))
+    figure.panel("Fig. 9 of the paper, left and centre: wide while the beam is elastic, then narrow around the truth.", *marginals_of(run))
+    order = Chart("Order that the map of each datum needed", "step [–]", "order of the map [–]", least=0)
+    order.curve("order", run.orders, look="bars", colour="purple")
+    times = Chart("CPU time to find the map of each datum", "step [–]", "CPU time, logarithmic [ms]", logarithmic=True)
+    times.curve("with gradient", run.cpu_ms).curve("function alone", without.cpu_ms)
+    figure.panel("Fig. 9 of the paper, right.", order, times)
+    figure.panel("Standard deviations, and the paper's last ones. How well Y₀ is known depends on the mesh.",
+                 *stds_of({"reference": run, "coarse, soft supports": soft_run}, ESTIMATE_STD))
     covered = np.sum(np.abs(means - beam.TRUTH) <= 2 * stds, axis=0)
     whys = ("The information on Y₀ is in how the crack starts, and grows with the width of the crack band, which is one element: the mesh of "
             "the paper is not given. Elements of 20 mm and softer supports give {}.",
@@ -144,32 +134,23 @@ def figure_13(subject, soft, options):
         entries = [record["forecast"][name] if key is None else record["forecast"][name][key] for record in which.records]
         return 1e3 * np.array([[entry["mean"], entry["std"]] for entry in entries])
 
-    def draw_densities(which, names):
-        drawn, rows = pyplot.subplots(len(names), 2, figsize=(9.5, 2.9 * len(names)), squeeze=False)
-        for (name, words), (left, right) in zip(names.items(), rows):
-            for i in range(0, len(which.records), 2):
-                density = which.records[i]["forecast"][name]["density"]
-                left.plot(1e3 * np.array(density["points"]), 1e-3 * np.array(density["values"]), linewidth=0.7,
-                          color=pyplot.get_cmap("viridis_r")(0.1 + 0.9 * i / len(which.records)))
-            left.set(xlabel=f"crack length {words} (mm)", ylabel="density (1/mm), pale: early")
-            left.set_yscale("symlog", linthresh=0.2)
-            mean, std = of(which, name).T
-            right.fill_between(range(len(mean)), mean - 2 * std, mean + 2 * std, color=COLOURS[0], alpha=0.25, linewidth=0, label="± 2 std")
-            right.plot(mean, color=COLOURS[0], label="mean")
-            right.set(xlabel="step", ylabel=f"crack length {words} (mm)")
-            right.legend()
-        return drawn
+    def drawn(which, name, words):
+        """Densities over the steps, and mean with spread."""
+        densities = [(entry["points"], entry["values"]) for entry in (record["forecast"][name]["density"] for record in which.records)]
+        mean, std = of(which, name).T
+        chart = Chart(f"Crack length {words}, mean and spread", "step [–]", f"crack length {words} [mm]")
+        chart.band("± 2 std", mean - 2 * std, mean + 2 * std, colour="blue").curve("mean", mean, colour="blue")
+        return [Densities(f"Crack length {words}, density", f"crack length {words}", "m", densities), chart]
 
-    figure.panel(draw_densities(run, {"end": "at the end", "early": "at 0.12 mm"}), "The reference beam, at the end and at 0.12 mm.")
-    figure.panel(draw_densities(soft_run, {"end": "at the end"}),
-                 "Elements of 20 mm, and 0.18 of the 0.4 mm reaching the beam: near the paper's numbers.")
+    figure.panel("Fig. 13 of the paper, left and centre: the reference beam, at the end.", *drawn(run, "end", "at the end"))
+    figure.panel("The same beam at 0.12 mm.", *drawn(run, "early", "at 0.12 mm"))
+    figure.panel("Elements of 20 mm, and 0.18 of the 0.4 mm reaching the beam: near the paper's numbers.",
+                 *drawn(soft_run, "end", "of the coarse, soft beam"))
     update, forecast = (1e-3 * np.array([record["elapsed_us"][key] for record in run.records]) for key in ("update", "forecast"))
-    drawn, axes = pyplot.subplots(figsize=(9.5, 2.8))
-    axes.bar(range(len(update)), update, width=1, color=COLOURS[0], label="parameters")
-    axes.bar(range(len(update)), forecast, width=1, bottom=update, color=COLOURS[1], label="crack length")
-    axes.set(xlabel="step", ylabel="time (ms)")
-    axes.legend()
-    figure.panel(drawn, "Fig. 13, right: time of each step, parameters and forecast.")
+    time = Chart("Time of each step", "step [–]", "time [ms]", least=0)
+    time.curve("parameters and crack length", update + forecast, look="bars", colour="orange")
+    time.curve("parameters alone", update, look="bars", colour="blue")
+    figure.panel("Fig. 13 of the paper, right.", time)
 
     last, soft_last = run.records[-1]["forecast"]["end"], soft_run.records[-1]["forecast"]["end"]
     here, early, there = of(run), of(run, "early"), of(soft_run)

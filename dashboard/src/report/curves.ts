@@ -297,7 +297,7 @@ export function curvesSpec(c: Curves, name: string, theme: Theme): ChartSpec {
 /** Curves, each over numbers of its own. */
 export function joined(
   x: readonly (readonly number[])[],
-  y: readonly (readonly number[])[],
+  y: readonly (readonly (number | null)[])[],
   look: readonly Omit<Series, "values">[],
 ): Pick<ChartSpec, "times" | "series"> {
   const times = [...new Set(x.flat())].sort((a, b) => a - b);

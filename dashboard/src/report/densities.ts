@@ -9,6 +9,8 @@ import { parameterMeaning, pretty, type Assimilation, type Density } from "./rec
 
 const shownDensities = 30;
 const gridPoints = 200;
+/** A density over fewer steps of the grid has points of its own. */
+const narrowSteps = 20;
 
 export function hex([r, g, b]: readonly number[]): string {
   return `#${[r, g, b].map((v) => v!.toString(16).padStart(2, "0")).join("")}`;
@@ -45,6 +47,22 @@ export function support(densities: readonly Density[]): [number, number] {
   return low < high ? [low, high] : Number.isFinite(low) ? [low - 0.5, low + 0.5] : [0, 1];
 }
 
+/** Points in steps over the whole axis, and those of a density that is too narrow for them to meet. */
+function gridOf(densities: readonly Density[], low: number, high: number): number[] {
+  const grid = Array.from({ length: gridPoints + 1 }, (_, i) => low + ((high - low) * i) / gridPoints);
+  const narrow = densities.filter((d) => {
+    const [from, to] = support([d]);
+    return to - from < (narrowSteps * (high - low)) / gridPoints;
+  });
+  // Beside its first and last point it is 0, here as in `at`.
+  const own = narrow.flatMap(({ points }) => {
+    const [first, end] = [points[0]!, points[points.length - 1]!];
+    const beside = 1e-3 * (end - first);
+    return [first - beside, ...points, end + beside];
+  });
+  return [...new Set([...grid, ...own.filter((x) => x >= low && x <= high)])].sort((a, b) => a - b);
+}
+
 /** Densities on one grid: `factor` from SI to the axis. */
 function densitySeries(grid: readonly number[], factor: number, d: Density, look: Omit<Series, "values">): Series {
   return { ...look, values: grid.map((x) => at(d, x / factor) / factor) };
@@ -67,7 +85,7 @@ export function densitySpec(plot: DensityPlot, theme: Theme): ChartSpec {
   const shown = steps.filter((_, i) => (steps.length - 1 - i) % stride === 0);
   const all = [...shown.map((s) => s.density), ...(plot.prior && shown.length < 2 ? [plot.prior] : [])];
   const [low, high] = support(all);
-  const grid = Array.from({ length: gridPoints + 1 }, (_, i) => factor * (low + ((high - low) * i) / gridPoints));
+  const grid = gridOf(all, low, high).map((x) => factor * x);
   const series: Series[] = shown.map((s, i) => {
     const isLast = i === shown.length - 1;
     return densitySeries(grid, factor, s.density, {
@@ -168,7 +186,11 @@ export function besideSpec(
   marks: ChartSpec["vertical"] = [],
 ): ChartSpec {
   const [low, high] = support(densities.map((d) => d.density));
-  const grid = Array.from({ length: gridPoints + 1 }, (_, i) => low + ((high - low) * i) / gridPoints);
+  const grid = gridOf(
+    densities.map((d) => d.density),
+    low,
+    high,
+  );
   return {
     name,
     times: grid,

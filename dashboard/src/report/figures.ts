@@ -19,26 +19,14 @@ import {
   qqSpec,
   residualSpec,
 } from "./curves";
+import { decisionsSpec, riskSpec } from "./decisions";
 import { forecastDensitySpec, marginalSpec } from "./densities";
 import { firstProbe, mapsContent } from "./maps";
 import type { MeshSensor } from "./mesh_svg";
 import { comparison, inference, plain, selection } from "./other_figures";
 import { modelOf, pretty, type Assimilation, type Field, type Probe, type Report, type Specimen } from "./record";
-
-/** Drawn displacements are exaggerated so that the largest is 3 % of the structure's length. */
-const drawnSize = 0.03;
-
-export function exaggeration(s: Specimen, f: Field): number {
-  const xs = s.points.map((p) => p[0]);
-  const size = xs.reduce((a, b) => Math.max(a, b), -Infinity) - xs.reduce((a, b) => Math.min(a, b), Infinity);
-  const largest = [...f.x, ...f.y].reduce((a, b) => Math.max(a, Math.abs(b)), 0);
-  return largest > 0 ? (drawnSize * size) / largest : 0;
-}
-
-function deformed(s: Specimen, f: Field): { x: number[]; y: number[] } {
-  const by = exaggeration(s, f);
-  return { x: f.x.map((v) => v * by), y: f.y.map((v) => v * by) };
-}
+import { deformed, exaggeration, shape } from "./shapes";
+import { study } from "./study";
 
 /** Sensors move with what is drawn: each as the node nearest to it. */
 function moved(sensors: MeshSensor[], s: Specimen, shift: { x: number[]; y: number[] }): MeshSensor[] {
@@ -117,22 +105,6 @@ function residualMap(r: Assimilation, component: string): Content | undefined {
       units: "m",
       signed: true,
       sensors: sensorsOf(r, (i) => ({ value: sensors.mean[i]! }), component),
-    },
-  };
-}
-
-function shape(s: Specimen | undefined, f: Field | undefined, label: string, units: string): Content | undefined {
-  if (!s || !f) return undefined;
-  return {
-    mesh: {
-      title: f.title,
-      points: s.points,
-      cells: s.cells,
-      value: f.x,
-      shift: deformed(s, f),
-      label,
-      units,
-      signed: true,
     },
   };
 }
@@ -228,6 +200,10 @@ function assimilation(r: Assimilation, name: string, of: string, theme: Theme, c
       );
     case "forecast_density":
       return q && charts(forecastDensitySpec(r, q, chosen, theme));
+    case "decisions":
+      return charts(decisionsSpec(r, theme));
+    case "risk":
+      return charts(riskSpec(r, theme));
     case "information":
       return charts(informationSpec(r, theme));
     case "evidence":
@@ -274,6 +250,8 @@ export function contentOf(
       return selection(report, name, of, theme);
     case "curves":
       return plain(report, of, theme);
+    case "study":
+      return study(report, of, theme);
     case "maps":
       return mapsContent(report, name, of, theme, chosen, probe ?? firstProbe(report));
   }

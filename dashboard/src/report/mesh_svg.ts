@@ -82,7 +82,7 @@ export function meshView(spec: MeshSpec, width = 520): MeshView {
     toY: (y) => top + scale * (y1 - y),
     from: (x, y) => [x0 + (x - left) / scale, y1 - (y - top) / scale],
     width,
-    height: 16 + inside + 46,
+    height: 16 + inside + (spec.label || spec.value ? 46 : 8),
   };
 }
 
@@ -90,38 +90,46 @@ function mix(c: readonly number[], s: number, t: number): number {
   return (1 - s) * (1 - t) * c[0]! + s * (1 - t) * c[1]! + s * t * c[2]! + (1 - s) * t * c[3]!;
 }
 
+/** Outlines by colour: one path each, however many elements. */
+type Outlines = Map<string, string>;
+
 /** Split where the colour changes within the element, so that coarse elements are shaded too. */
-function cellSvg(
+function addCell(
+  outlines: Outlines,
   spec: MeshSpec,
   view: MeshView,
   cell: readonly number[],
   colour: (v: number) => string,
   most: number,
   step: number,
-  theme: Theme,
-): string {
+): void {
   const x = cell.map((n) => view.toX(spec.points[n]![0] + (spec.shift?.x[n] ?? 0)));
   const y = cell.map((n) => view.toY(spec.points[n]![1] + (spec.shift?.y[n] ?? 0)));
+  const add = (fill: string, d: string): void => void outlines.set(fill, (outlines.get(fill) ?? "") + d);
   const outline = `M${cell.map((_, k) => `${x[k]!.toFixed(1)} ${y[k]!.toFixed(1)}`).join("L")}Z`;
-  if (!spec.value) return tag("path", { d: outline, fill: theme.gap, stroke: theme.prior, "stroke-width": 0.4 });
+  if (!spec.value) return add("", outline);
   const v = cell.map((n) => spec.value![n]!);
-  if (cell.length !== 4) return tag("path", { d: outline, fill: colour(v.reduce((a, b) => a + b, 0) / v.length) });
+  if (cell.length !== 4) return add(colour(v.reduce((a, b) => a + b, 0) / v.length), outline);
   const parts = Math.max(1, Math.min(most, Math.ceil((Math.max(...v) - Math.min(...v)) / step)));
-  let drawn = "";
   for (let i = 0; i < parts; i += 1)
     for (let j = 0; j < parts; j += 1) {
       const [s0, s1, t0, t1] = [i / parts, (i + 1) / parts, j / parts, (j + 1) / parts];
       const corner = (s: number, t: number): string => `${mix(x, s, t).toFixed(1)} ${mix(y, s, t).toFixed(1)}`;
-      const fill = colour(mix(v, (s0 + s1) / 2, (t0 + t1) / 2));
-      // The stroke hides the hairlines between neighbours.
-      drawn += tag("path", {
-        d: `M${corner(s0, t0)}L${corner(s1, t0)}L${corner(s1, t1)}L${corner(s0, t1)}Z`,
-        fill,
-        stroke: fill,
-        "stroke-width": 0.4,
-      });
+      add(
+        colour(mix(v, (s0 + s1) / 2, (t0 + t1) / 2)),
+        `M${corner(s0, t0)}L${corner(s1, t0)}L${corner(s1, t1)}L${corner(s0, t1)}Z`,
+      );
     }
-  return drawn;
+}
+
+function cellsSvg(spec: MeshSpec, view: MeshView, colour: (v: number) => string, step: number, theme: Theme): string {
+  const outlines: Outlines = new Map();
+  const most = Math.max(1, Math.min(6, Math.floor(Math.sqrt(4000 / Math.max(1, spec.cells.length)))));
+  for (const cell of spec.cells) addCell(outlines, spec, view, cell, colour, most, step);
+  // The stroke hides the hairlines between neighbours; of a bare structure it is the mesh.
+  return [...outlines]
+    .map(([fill, d]) => tag("path", { d, fill: fill || theme.gap, stroke: fill || theme.prior, "stroke-width": 0.4 }))
+    .join("");
 }
 
 function sensorSvg(s: MeshSensor, view: MeshView, colour: (v: number) => string, theme: Theme): string {
@@ -145,10 +153,7 @@ export function meshSvg(spec: MeshSpec, theme: Theme, width = 520): string {
   const [low, high] = rangeOfMesh(spec);
   const map = spec.signed ? "signed" : "viridis";
   const colour = (v: number): string => rgb(colourAt(map, Math.round(((v - low) / (high - low)) * colours) / colours));
-  const most = Math.max(1, Math.min(6, Math.floor(Math.sqrt(4000 / Math.max(1, spec.cells.length)))));
-  const cells = spec.cells
-    .map((cell) => cellSvg(spec, view, cell, colour, most, (3 * (high - low)) / colours, theme))
-    .join("");
+  const cells = cellsSvg(spec, view, colour, (3 * (high - low)) / colours, theme);
   const sensors = (spec.sensors ?? []).map((s) => sensorSvg(s, view, colour, theme)).join("");
   const foot = view.height - 38;
   let bar = "";

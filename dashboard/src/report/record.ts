@@ -1,7 +1,7 @@
 /** What a report holds as JSON: the record that the program left, and what its pictures need of the model. All numbers are SI. */
 import { prettyUnits } from "../format";
 import { loadingAt } from "../signal";
-import type { Model, ParameterDescription, QuantityDescription, StepLine } from "../types";
+import type { Decision, Model, ParameterDescription, QuantityDescription, StepLine } from "../types";
 
 /** A density of one number on increasing points. */
 export interface Density {
@@ -10,7 +10,16 @@ export interface Density {
   values?: number[];
 }
 
+export interface ReportDecision extends Decision {
+  /** None where the answer does not tell (a verdict of `reject`). */
+  failure_probability?: number;
+  allowed_probability?: number;
+  /** Model time beyond which the risk allows no load. */
+  furthest: number;
+}
+
 export interface ReportLine extends StepLine {
+  decision?: ReportDecision;
   marginals?: Record<string, Density>;
   monitor?: {
     cumulative_sum: number;
@@ -164,6 +173,64 @@ export interface Plain {
   figures: { x: number[][]; y: number[][]; labels: string[]; xLabel: string; yLabel: string }[];
 }
 
+/** Of the theme: a name, or a number of its series. */
+export type StudyColour = number | "blue" | "orange" | "green" | "red" | "purple" | "faint" | "prior" | "text";
+
+export interface StudyCurve {
+  label: string;
+  x: number[];
+  y: (number | null)[];
+  colour?: StudyColour;
+  width?: number;
+  dashed?: boolean;
+  /** A line with its points. */
+  points?: boolean;
+  look?: "points" | "bars";
+}
+
+export interface StudyChart {
+  kind: "chart";
+  title: string;
+  x: string;
+  y: string;
+  logarithmic?: boolean;
+  /** Where the vertical axis begins. */
+  least?: number;
+  curves: StudyCurve[];
+  bands: { label: string; x: number[]; low: (number | null)[]; high: (number | null)[]; colour?: StudyColour }[];
+  marks: { label: string; colour?: StudyColour; x?: number; y?: number }[];
+}
+
+export interface StudyDensities {
+  kind: "densities";
+  title: string;
+  label: string;
+  units: string;
+  steps: ({ step: number } & Density)[];
+  prior?: Density;
+  truth?: number;
+}
+
+/** `value` at the nodes, or a field that moves them, whose x is the value. */
+export interface StudyMap {
+  kind: "map";
+  title: string;
+  face: number;
+  label: string;
+  units: string;
+  signed: boolean;
+  value?: number[];
+  field?: { x: number[]; y: number[] };
+  sensors?: { x: number; y: number; words: string }[];
+}
+
+/** The published study: every drawing of its page, in order (studies/reproduction/record.py). */
+export interface Study {
+  kind: "study";
+  faces: { points: [number, number][]; cells: number[][] }[];
+  drawings: (StudyChart | StudyDensities | StudyMap)[];
+}
+
 /** Displacements from pictures, in `unit`. */
 export interface Maps {
   kind: "maps";
@@ -181,7 +248,7 @@ export interface Maps {
 /** A line that somebody drew on a map: from, to. */
 export type Probe = [number, number, number, number];
 
-export type Report = Assimilation | Inference | Comparison | Selection | Plain | Maps;
+export type Report = Assimilation | Inference | Comparison | Selection | Plain | Study | Maps;
 
 /** What the slider moves through. */
 export function framesOf(report: Report): { label: string; time: number }[] {
@@ -221,6 +288,13 @@ export function quantilesOf(density: Density, levels: readonly number[]): number
   });
 }
 
+/** What is imposed at a time, where the record has it. */
+export function imposedAt({ load }: Assimilation, time: number | undefined): QuantityDescription["loading"] {
+  if (!load || time === undefined) return undefined;
+  const loading = { name: "imposed_displacement", units: "m", values: load.displacement };
+  return loadingAt({ times: load.time, loading }, time);
+}
+
 /** What the live page is told once, from what the summary says. */
 export function modelOf(record: Assimilation): Model {
   const { summary } = record;
@@ -236,13 +310,8 @@ export function modelOf(record: Assimilation): Model {
       ...(prior ? { levels, values: quantilesOf(prior, levels) } : {}),
     };
   });
-  const { load } = record;
-  const loaded = load && {
-    times: load.time,
-    loading: { name: "imposed_displacement", units: "m", values: load.displacement },
-  };
   const loading = (time: number | undefined): Pick<QuantityDescription, "loading"> => {
-    const found = loaded && time !== undefined ? loadingAt(loaded, time) : undefined;
+    const found = imposedAt(record, time);
     return found ? { loading: found } : {};
   };
   const quantities = Object.entries(summary.forecasts ?? {}).map(([name, f]): QuantityDescription => ({

@@ -123,7 +123,16 @@ json step_line(int i, std::mt19937_64& engine) {
           {"elapsed_us",
            {{"update", (running ? 1900.0 : 210.0) + 30.0 * (i % 5)}, {"forecast", 120.0}, {"total", 400.0}}},
           {"marginals", {{"Y0", density_on_box(m0, s0)}, {"Ad", density_on_box(m1, s1)}}},
-          {"forecast", {{"crack", crack_forecast(l, sl)}}}};
+          {"forecast", {{"crack", crack_forecast(l, sl)}}},
+          {"decision",
+           {{"action", i < 80 ? "load" : "hold"},
+            {"time", 0.01 * (i + 2)},
+            {"information", 0.4},
+            {"plan", {0.01 * (i + 2), 0.9}},
+            {"failure_probability", 1e-4 * i},
+            {"allowed_probability", 0.05},
+            {"furthest", 0.95},
+            {"message", "each measurement costs <0.05> nats"}}}};
 }
 
 json summary() {

@@ -2,6 +2,7 @@
 
 #include <fmt/core.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdlib>
@@ -53,6 +54,10 @@ Json line_record(const nlohmann::json& line, bool with_densities) {
   if (line.contains("verdict"))
     for (const char* member : {"level", "model_shift_std"})
       if (line.at("verdict").contains(member)) out["verdict"][member] = line.at("verdict").at(member);
+  if (line.contains("decision")) {
+    out["decision"] = line.at("decision");
+    out["decision"].erase("plan");
+  }
   if (!out.contains("forecast")) out["forecast"] = Json::object();
   for (auto& [name, forecast] : out["forecast"].items()) {
     forecast.erase("direct");
@@ -101,13 +106,27 @@ Json summary_record(const record::Results& results) {
   return summary;
 }
 
+/// Digits that numbers of a list need beyond those of their range: points of a narrow density differ in their
+/// last digits alone.
+int common_digits(const Json& list) {
+  double low = INFINITY, high = -INFINITY;
+  for (const Json& value : list) {
+    if (!value.is_number()) return 0;
+    low = std::min(low, value.get<double>());
+    high = std::max(high, value.get<double>());
+  }
+  const double largest = std::max(std::abs(low), std::abs(high));
+  return high > low && high - low < largest ? std::ceil(std::log10(largest / (high - low))) : 0;
+}
+
 }  // namespace
 
 void shorten_numbers(Json& value, int digits) {
   if (value.is_number_float()) {
-    value = std::strtod(fmt::format("{:.{}g}", value.get<double>(), digits).c_str(), nullptr);
+    value = std::strtod(fmt::format("{:.{}g}", value.get<double>(), std::min(digits, 17)).c_str(), nullptr);
   } else if (value.is_structured()) {
-    for (auto& member : value) shorten_numbers(member, digits);
+    const int more = value.is_array() ? common_digits(value) : 0;
+    for (auto& member : value) shorten_numbers(member, digits + more);
   }
 }
 

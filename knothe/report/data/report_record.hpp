@@ -18,7 +18,8 @@ namespace knothe::report {
 [[nodiscard]] nlohmann::ordered_json assimilation_record(const record::Results& results,
                                                          const model::SeparatedModel* model);
 
-/// Rounds the numbers in `value` to so many significant digits: a page holds many.
+/// Rounds the numbers in `value` to so many significant digits, those of a list to so many of their range: a
+/// page holds many.
 void shorten_numbers(nlohmann::ordered_json& value, int digits);
 
 }  // namespace knothe::report

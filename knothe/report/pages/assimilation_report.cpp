@@ -11,6 +11,7 @@
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/files/atomic_file.hpp"
+#include "knothe/record/forecast_text.hpp"
 #include "knothe/record/number_text.hpp"
 #include "knothe/report/data/report_record.hpp"
 #include "knothe/report/data/words.hpp"
@@ -37,6 +38,12 @@ void add_result(Page& page, const record::Results& results) {
                     "reduced model refined: at the last step its error had been {:.2g} standard deviations.",
                     asked->full_order_runs, asked->moved_std));
   page.result(usability(verdict.level), sentences);
+}
+
+/// What to do next, of a project that asks.
+void add_next(Page& page, const record::Results& results) {
+  if (const auto& decision = results.steps.back().decision)
+    page.next(record::action_text(*decision), decision->message);
 }
 
 /// Of the first screen: the specimen, what was measured, the load curve; then the numbers.
@@ -142,6 +149,15 @@ void add_forecasts(Page& page, const record::Results& results) {
     if (const auto residual = last.at(name).bridge_residual_rms)
       page.note(fmt::format("{}: a crack of this length reproduces the predicted displacements to {} µm RMS.",
                             name, record::readable(1e6 * *residual, 2)));
+}
+
+void add_decisions(Page& page, const record::Results& results) {
+  if (!results.steps.back().decision) return;
+  page.section("Decisions");
+  page.figures({{"decisions", "What was decided after each step"},
+                {"risk", "Probability of failure of what was decided, and the allowed one"}},
+               "Load, hold or stop after each step, and the furthest load that the stated risk of failure "
+               "allowed then.");
 }
 
 void add_learning(Page& page, const record::Results& results) {
@@ -279,11 +295,13 @@ std::string assimilation_report(const record::Results& results, const model::Sep
                         counted(last.used + last.rejected + last.missing, "sensor")));
   const nlohmann::ordered_json record = assimilation_record(results, model);
   add_result(page, results);
+  add_next(page, results);
   add_first_screen(page, results, record);
   add_fit(page, results, record);
   add_parameters(page, results);
   add_input_errors(page, results);
   add_forecasts(page, results);
+  add_decisions(page, results);
   add_learning(page, results);
   add_method(page, results);
   if (model != nullptr) {

@@ -208,6 +208,33 @@ TEST(AssimilationReport, MeasuredValuesStandBesideTheirPredictions) {
   EXPECT_NEAR(sum, 4, 1e-6);
 }
 
+TEST(AssimilationReport, TheLastDecisionStandsBelowTheBannerAndAllOfThemInASection) {
+  const files::TestFolder place;
+  record::Results results = record::read_results(record::test::write_results(place, 60));
+  results.judged = true;
+  std::string html = assimilation_report(results, nullptr, "none");
+  EXPECT_EQ(record::test::html_fault(html), "");
+  const std::size_t next = html.find(
+      "<p class=\"next\"><b>Next: load to time 0.62</b> each measurement costs &lt;0.05&gt; nats</p>");
+  ASSERT_NE(next, std::string::npos);
+  EXPECT_LT(html.find("<b class=\"word\">Result"), next);
+  EXPECT_LT(next, html.find("data-figure=\"specimen\""));
+  EXPECT_NE(html.find("data-figure=\"decisions\""), std::string::npos);
+  const auto decision = record_in(html).at("lines").at(7).at("decision");
+  EXPECT_EQ(decision.at("action"), "load");
+  EXPECT_EQ(decision.at("time"), 0.1);
+  EXPECT_FALSE(decision.contains("plan"));
+  // In the load's unit where the model knows it.
+  results.steps.back().decision->load = 1.24e-4;
+  results.steps.back().decision->load_units = "m";
+  html = assimilation_report(results, nullptr, "none");
+  EXPECT_NE(html.find("<b>Next: load to 0.124 mm</b>"), std::string::npos);
+  for (record::Step& step : results.steps) step.decision.reset();
+  html = assimilation_report(results, nullptr, "none");
+  EXPECT_EQ(html.find("<p class=\"next\">"), std::string::npos);
+  EXPECT_EQ(html.find("data-figure=\"risk\""), std::string::npos);
+}
+
 TEST(AssimilationReport, RejectedNumbersAreDemotedAndExpiredForecastsDoNotLead) {
   const files::TestFolder place;
   record::Results results = record::read_results(record::test::write_results(place, 60));

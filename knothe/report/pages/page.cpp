@@ -24,11 +24,16 @@ void put(std::string& page, std::string_view mark, const std::string& part) {
   if (const auto at = page.find(mark); at != std::string::npos) page.replace(at, mark.size(), part);
 }
 
+/// More columns than that do not fit a phone: there each row becomes a list, with the header's words in it.
+constexpr std::size_t k_columns_of_phone = 3;
+
 std::string html_of(const Table& table) {
-  std::string out = fmt::format("<div class=\"scroll{}\"><table>", table.worth == Usability::usable ? ""
-                                                                   : table.worth == Usability::with_caveats
-                                                                       ? " demoted"
-                                                                       : " demoted rejected");
+  const bool is_wide = table.header.size() > k_columns_of_phone;
+  std::string out = fmt::format("<div class=\"scroll{}\"><table{}>",
+                                table.worth == Usability::usable         ? ""
+                                : table.worth == Usability::with_caveats ? " demoted"
+                                                                         : " demoted rejected",
+                                is_wide ? " class=\"wide\"" : "");
   if (!table.caption.empty()) out += "<caption>" + escape_xml(table.caption) + "</caption>";
   if (!table.header.empty()) {
     out += "<thead><tr>";
@@ -38,7 +43,9 @@ std::string html_of(const Table& table) {
   out += "<tbody>";
   for (const TableRow& row : table.rows) {
     out += row.expired ? "<tr class=\"expired\">" : "<tr>";
-    for (const auto& cell : row.cells) out += "<td>" + escape_xml(cell) + "</td>";
+    for (std::size_t i = 0; i < row.cells.size(); ++i)
+      out += (is_wide ? fmt::format("<td data-of=\"{}\">", escape_xml(table.header[i])) : "<td>") +
+             escape_xml(row.cells[i]) + "</td>";
     out += "</tr>";
   }
   return out + "</tbody></table></div>";
@@ -66,6 +73,11 @@ Page& Page::result(Usability usability, const std::vector<std::string>& sentence
                         css_class(usability), result_words(usability));
   for (const std::string& sentence : sentences) banner_ += "<p>" + escape_xml(sentence) + "</p>";
   banner_ += "</div></div>\n";
+  return *this;
+}
+
+Page& Page::next(const std::string& action, const std::string& why) {
+  banner_ += fmt::format("<p class=\"next\"><b>Next: {}</b> {}</p>\n", escape_xml(action), escape_xml(why));
   return *this;
 }
 

@@ -37,6 +37,8 @@ class Page {
 
   /// The banner at the top: "Result: usable", and the sentences that say why.
   Page& result(Usability usability, const std::vector<std::string>& sentences);
+  /// Below the banner: what to do next with the specimen, and why.
+  Page& next(const std::string& action, const std::string& why);
   Page& section(const std::string& heading);
   Page& paragraph(const std::string& text);
   Page& note(const std::string& text);  ///< for what is missing, and warnings

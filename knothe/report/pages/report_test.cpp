@@ -2,8 +2,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <filesystem>
+#include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
@@ -15,6 +18,7 @@
 #include "knothe/report/figures/colour_map.hpp"
 #include "knothe/report/pages/inference_report.hpp"
 #include "knothe/report/pages/page.hpp"
+#include "knothe/report/pages/study_report.hpp"
 
 namespace knothe::report {
 namespace {
@@ -107,6 +111,17 @@ TEST(Record, NumbersAreShortenedEverywhere) {
   EXPECT_EQ(value.dump(), R"({"a":[1.23,-0.000123],"b":{"c":3,"d":"1.23456"}})");
 }
 
+/// As the points of a posterior a millionth as wide as its mean: they must not become one.
+TEST(Record, NumbersOfAListThatAreCloseStayApart) {
+  nlohmann::ordered_json value = {{"points", {1.49999840123, 1.49999861234, 1.49999881111}}};
+  shorten_numbers(value, 3);
+  const auto points = value.at("points").get<std::vector<double>>();
+  for (const std::size_t i : {0u, 1u}) EXPECT_NEAR(points[i + 1] - points[i], 2e-7, 2e-8);
+  nlohmann::ordered_json equal = {1.23456, 1.23456};
+  shorten_numbers(equal, 3);
+  EXPECT_EQ(equal.dump(), "[1.23,1.23]");
+}
+
 TEST(Page, EscapesAndStaysWellFormed) {
   Page page("Title <&>", "sub");
   page.result(Usability::with_caveats, {"because <of> this"});
@@ -164,6 +179,42 @@ TEST(Page, ResultsAreSaidInWordsForPeople) {
   EXPECT_EQ(result_words(Usability::usable), "usable");
   EXPECT_EQ(result_words(Usability::with_caveats), "usable with caveats");
   EXPECT_EQ(result_words(Usability::not_usable), "do not use");
+}
+
+/// What studies/reproduction writes, of one figure with two drawings.
+nlohmann::json small_study() {
+  return nlohmann::json::parse(R"({"created_by": "knothe 9", "publication": "Rubio <2019>", "quick": true,
+    "seed": 7, "elapsed_s": 12.4, "machine": {"cores": 2, "processor": "a"}, "faces": [],
+    "first": [["Y0", "1.04", "1.00"]], "figures": [{"figure": "5", "heading": "Fig. 5 of the paper: a < b",
+      "setting": "s", "panels": [{"caption": "c", "drawings": [{"kind": "chart", "title": "one"},
+        {"kind": "map", "title": "two"}]}], "tables": [{"caption": "t", "header": ["h"], "rows": [["x"]]}],
+      "rows": [{"quantity": "length", "unit": "mm", "paper": "37.2", "here": "37.4", "why": "mesh"},
+               {"quantity": "ratio", "unit": "1", "paper": "2", "here": "3", "why": "noise"}]}]})");
+}
+
+TEST(Study, PageHasTheComparisonAndAPlaceForEveryDrawing) {
+  const std::string folder = testing::TempDir() + "study_report";
+  std::filesystem::create_directories(folder);
+  EXPECT_FALSE(holds_study(folder + "/none"));
+  const std::string file = folder + "/reproduce.json", output = folder + "/page.html";
+  std::ofstream(file) << small_study().dump();
+  ASSERT_TRUE(holds_study(folder));
+  write_study_report(folder, output);
+  std::stringstream read;
+  read << std::ifstream(output).rdbuf();
+  const std::string html = read.str();
+  EXPECT_EQ(record::test::html_fault(html), "");
+  for (const char* words :
+       {"Rubio &lt;2019&gt;, section 6", "seed 7, quick study in 12 s", "Fig. 5 of the paper: a &lt; b",
+        "<figure data-figure=\"drawing:1\"><figcaption><b>Figure 2.</b> two</figcaption>",
+        "<td data-of=\"quantity\">length, mm</td><td data-of=\"paper\">37.2</td>",
+        "<td data-of=\"quantity\">ratio</td>", "<td>Machine: cores</td><td>2</td>", "<caption>t</caption>",
+        R"({"kind":"study","faces":[],"drawings":[{"kind":"chart","title":"one"})"})
+    EXPECT_NE(html.find(words), std::string::npos) << words;
+  nlohmann::json broken = small_study();
+  broken["figures"][0].erase("rows");
+  std::ofstream(file) << broken.dump();
+  EXPECT_THROW(write_study_report(folder, output), DataError);
 }
 
 }  // namespace
