@@ -21,7 +21,7 @@ namespace knothe::assimilation {
 namespace {
 
 constexpr Index k_times_at_once = 8;   // that the risk is looked at
-constexpr Index k_most_points = 2048;  // of a posterior; of more so many draws
+constexpr Index k_max_points = 2048;   // of a posterior; of more so many draws
 constexpr double k_no_weight = 1e-12;  // share of all weight
 constexpr double k_no_spread = 1e-12;  // share of a quantity
 constexpr Index k_every_draw = 8;      // is one of those at which a measurement is linearised
@@ -103,9 +103,9 @@ Sample sample_of(const UpdateResult& posterior) {
   for (Index i = 0; i < posterior.weights.size(); ++i)
     if (posterior.weights[i] > least) kept.push_back(i);
   if (kept.empty()) throw NumericalError("no point of the posterior has a weight");
-  if (std::ssize(kept) > k_most_points)
+  if (std::ssize(kept) > k_max_points)
     return equal_weights(
-        posterior.points(numerics::equal_draws(posterior.weights, k_most_points), Eigen::all));
+        posterior.points(numerics::equal_draws(posterior.weights, k_max_points), Eigen::all));
   const Eigen::VectorXd weights = posterior.weights(kept);
   return {posterior.points(kept, Eigen::all), weights / weights.sum()};
 }
