@@ -42,8 +42,8 @@ def figures_14_15(subject, options):
     figure = Figure("14-15", "A model that is wrong, and its correction",
                     "As for Fig. 9, data from m = 6. The model that assimilates them has m = 3 modes, found one after the other as in the paper; "
                     "the table has the two best modes too. Corrected: mean and standard deviation of the residual at the 60 dofs, two modes of "
-                    "each, extrapolated linearly, to the letter (Eq. 16-20, `published`) and with the recent errors of the modes added to the "
-                    "covariance (`linear`); and by knothe's own correction, in which the discrepancy is unknown together with the "
+                    "each, extrapolated linearly, to the letter (Eq. 16-20, “published”) and with the recent errors of the modes added to the "
+                    "covariance (“linear”); and by knothe's own correction, in which the discrepancy is unknown together with the "
                     "parameters.")
     three = subject.beam.three
     runs, best = bias_runs(subject, three, marginals=True), bias_runs(subject, subject.beam.three_best)

@@ -64,7 +64,7 @@ def figures_6_7(subject):
         nodes = [file["parameters"][name][:] for name in ("Y0", "Ad")]
         times = file["time"][:]
     figure = Figure("6-7", "The modes of the reduced model, m = 6",
-                    f"{case.what}; {case.nodes ** 2} full-order runs on a {case.nodes} × {case.nodes} grid of (Y₀, A_d) in [0.5, 1.5]², "
+                    f"{case.what.capitalize()}; {case.nodes ** 2} full-order runs on a {case.nodes} × {case.nodes} grid of (Y₀, A_d) in [0.5, 1.5]², "
                     f"{case.steps} load steps to {1e3 * case.displacement:g} mm, {space.shape[1]} dofs. The elastic solution is taken out "
                     "exactly and is mode 1 here; five canonical modes follow (alternating least squares on the snapshots in place of "
                     "the paper's LATIN-PGD, which finds modes of the same form one by one).")

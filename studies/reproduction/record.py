@@ -200,7 +200,7 @@ def first_numbers(figures) -> list:
 
 def study_record(figures, about) -> dict:
     faces = []
-    record = {"created_by": about["program"], "publication": "Rubio, Chamoin, Louf, Comptes Rendus Mecanique 347 (2019) 762-779",
+    record = {"created_by": about["program"], "publication": "Rubio, Chamoin, Louf, Comptes Rendus Mécanique 347 (2019) 762–779",
               **{key: about[key] for key in ("quick", "seed", "repetitions", "reference")}, "machine": machine(),
               "elapsed_s": about["elapsed_s"], "first": first_numbers(figures), "figures": [figure.record(faces) for figure in figures]}
     return record | {"faces": [{"points": [shortened(point, 6) for point in face.points], "cells": [[int(i) for i in cell] for cell in face.cells]}

@@ -123,7 +123,7 @@ def figures_16_17(subject, options):
     scaled = weighted / np.abs(weighted).max()
     figure.panel("Fig. 17 of the paper: the product weighted by the matrix of the image correlation, and the 30 dofs where it is largest "
                  "(circles).",
-                 *(Map(f"M_DIC S₁₂, {'xy'[component]}, and the dofs chosen", camera, f"{word}, largest 1", "1", value=scaled[component::2],
+                 *(Map(f"M_DIC S₁₂, {word}, and the dofs chosen there", camera, "over the largest of both components", "1", value=scaled[component::2],
                        signed=True, sensors=[(*camera.sensors.points[i, :2], f"chosen, {word}") for i in chosen
                                              if camera.horizontal[i] == (component == 0)])
                    for component, word in ((0, "horizontal"), (1, "vertical"))))
@@ -134,7 +134,7 @@ def figures_16_17(subject, options):
                f"{100 * camera.horizontal[chosen].mean():.0f}", "As above.", 100 * camera.horizontal[chosen].mean())
     seen = model_of(model).observe(camera.sensors)
     size = 1e6 * np.array([np.sqrt(np.mean(seen.jacobian(TRUTH, t) ** 2, axis=0)) for t in range(len(model_of(model).times))])
-    chart = Chart("When each parameter moves the surface", "step [–]", "sensitivity, rms over the dofs [µm per unit]").mark("mean time", x=step)
+    chart = Chart("When each parameter moves the surface", "step [–]", "sensitivity, rms [µm per unit]").mark("mean time", x=step)
     for k, label in enumerate(LABELS):
         chart.curve(label, size[:, k])
     figure.panel("The mean time, at which the dofs are chosen, is one instant of this.", chart)

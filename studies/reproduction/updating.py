@@ -21,7 +21,7 @@ def stds_of(runs, published=None):
     """Standard deviations over the steps, of runs by label."""
     charts = []
     for k, name in enumerate(LABELS):
-        chart = Chart(f"Posterior standard deviation of {name}", "step [–]", "std over the reference, logarithmic [–]", logarithmic=True)
+        chart = Chart(f"Posterior standard deviation of {name}", "step [–]", "std, logarithmic [–]", logarithmic=True)
         for label, run in runs.items():
             chart.curve(label, run.stds[:, k])
         if published is not None:
@@ -138,7 +138,7 @@ def figure_13(subject, soft, options):
         """Densities over the steps, and mean with spread."""
         densities = [(entry["points"], entry["values"]) for entry in (record["forecast"][name]["density"] for record in which.records)]
         mean, std = of(which, name).T
-        chart = Chart(f"Crack length {words}, mean and spread", "step [–]", f"crack length {words} [mm]")
+        chart = Chart(f"Crack length {words}, mean and spread", "step [–]", "crack length [mm]")
         chart.band("± 2 std", mean - 2 * std, mean + 2 * std, colour="blue").curve("mean", mean, colour="blue")
         return [Densities(f"Crack length {words}, density", f"crack length {words}", "m", densities), chart]
 

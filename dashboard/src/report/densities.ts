@@ -111,7 +111,10 @@ export function densitySpec(plot: DensityPlot, theme: Theme): ChartSpec {
     times: grid,
     series,
     xLabel: plot.xLabel,
-    yLabel: axisLabel(`probability density${logarithmic ? ", logarithmic" : ""}`, plot.units ? `1/${plot.units}` : "–"),
+    yLabel: axisLabel(
+      logarithmic ? "density, logarithmic" : "probability density",
+      plot.units ? `1/${plot.units}` : "–",
+    ),
     ...(logarithmic
       ? { logarithmic, ticks: decade, range: [least / 100, most * 1.5] as [number, number] }
       : { range: [0, 1.08 * most] as [number, number] }),
