@@ -25,7 +25,7 @@ void Progress::advance_to(std::size_t done, const std::string& detail) {
   if (quiet_) return;
   const auto interval = terminal_ ? std::chrono::milliseconds(100) : std::chrono::milliseconds(10'000);
   const auto now = Clock::now();
-  if (now - last_shown_ < interval && !(terminal_ && done_ == total_)) return;
+  if (now - last_shown_ < interval && !(terminal_ && shown_ && done_ == total_)) return;
   last_shown_ = now;
   show(detail, false);
 }

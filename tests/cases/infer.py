@@ -8,7 +8,7 @@ from umbridge_server import Density, EightSchools, Growth, Linear, Linear3
 KEYS = ["method", "parameters", "wall_clock", "mean", "covariance", "maximum_a_posteriori", "quantiles", "skewness", "kurtosis",
         "mean_error", "deviation_error", "map_order",
         "variance_diagnostic", "tolerance_reached", "ess", "trusted", "verdict", "edge_mass", "log_evidence", "log_evidence_error",
-        "model_evaluations", "model_calls", "elapsed_us", "samples_file", "distinct_draws", "physical", "fit_probability"]
+        "model_evaluations", "model_calls", "elapsed_us", "samples_file", "distinct_draws", "physical", "computation", "doubts", "fit_probability"]
 MAP_KEYS = KEYS + ["map_file"]
 LINEAR = conjugate(Linear.matrix, [1.2, 0.4, 0.1], diagonal([0.3, 0.5, 0.4]), [0.5, -0.5], [1.0, 2.0])
 

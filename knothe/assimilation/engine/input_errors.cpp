@@ -92,7 +92,7 @@ std::vector<InputShift> shifts_by(std::span<const InputError> errors, const Prob
       posterior_of(problem, data, [](const likelihood::DatumPointer& datum) { return datum; });
   std::vector<InputShift> shifts;
   if (!measured) return shifts;
-  Progress progress("what errors of the inputs would shift", std::ssize(errors));
+  Progress progress("errors of inputs", std::ssize(errors));
   for (const InputError& error : errors) {
     if (cancellation_requested()) break;
     shifts.push_back(shift_by(error, *measured, problem, data, mean));
