@@ -44,7 +44,9 @@ std::string html_of(const Table& table) {
   for (const TableRow& row : table.rows) {
     out += row.expired ? "<tr class=\"expired\">" : "<tr>";
     for (std::size_t i = 0; i < row.cells.size(); ++i)
-      out += (is_wide ? fmt::format("<td data-of=\"{}\">", escape_xml(table.header[i])) : "<td>") +
+      out += (is_wide && i < table.header.size()
+                  ? fmt::format("<td data-of=\"{}\">", escape_xml(table.header[i]))
+                  : "<td>") +
              escape_xml(row.cells[i]) + "</td>";
     out += "</tr>";
   }

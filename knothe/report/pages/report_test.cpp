@@ -136,6 +136,12 @@ TEST(Page, EscapesAndStaysWellFormed) {
   EXPECT_NE(html.find("<figure data-figure=\"pairs\"><figcaption><b>Figure 2.</b> two"), std::string::npos);
   EXPECT_NE(html.find("class=\"scroll demoted\""), std::string::npos);
   EXPECT_NE(html.find("<tr class=\"expired\">"), std::string::npos);
+  // A row of more cells than the header has, from a file: none is lost, and none has a word that is not
+  // there.
+  const std::string longer = Page("t", "s")
+                                 .table({"a", "b", "c", "d"}, {{{"1", "2", "3", "4", "5"}}})
+                                 .html(nlohmann::ordered_json::object());
+  EXPECT_NE(longer.find("<td data-of=\"d\">4</td><td>5</td>"), std::string::npos);
   // What the record says cannot end the element that holds it.
   EXPECT_NE(html.find(R"("\u003c/script>\u003c!--")"), std::string::npos);
 }
