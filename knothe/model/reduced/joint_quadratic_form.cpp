@@ -20,6 +20,9 @@ constexpr double k_largest_polynomial = 2e6;
 /// Above it, it will do where ℓ is, everywhere in the cell, below minus this fraction of that sum: 1e-10
 /// relative.
 constexpr double k_min_fraction = 1e-5;
+/// A grid of three parameters with so many nodes in a cell is worth its polynomial, which costs as much as
+/// some 15 rows of squares.
+constexpr double k_min_nodes = 100;
 
 double sum(const Lanes& v) {
   typedef double Four __attribute__((vector_size(4 * sizeof(double))));
@@ -46,6 +49,64 @@ struct Powers {
   }
 };
 
+/// How many polynomials in the last variable make one in D.
+template <std::size_t D>
+constexpr Index k_rows = Index{k_powers} * k_rows<D - 1>;
+template <>
+constexpr Index k_rows<1> = 1;
+
+/// Horner's rule over the N outer variables of a cell's polynomial; the inner one lies along the lanes.
+template <std::size_t N, int Derivatives>
+[[gnu::always_inline]] inline Jet<N, Derivatives> horner(const double* c, const SplineAxis::Place* place) {
+  Jet<N, Derivatives> jet;
+  if constexpr (N == 0) {
+    jet.value = load(c);
+  } else {
+    const double t = place->t;
+    for (std::size_t p = k_powers; p-- > 0;) {
+      const auto inner = horner<N - 1, Derivatives>(c + p * k_rows<N> * k_lane_count, place + 1);
+      if constexpr (Derivatives >= 2) {
+        jet.second[0] = jet.second[0] * t + jet.first[0];
+        for (std::size_t k = 1; k < N; ++k) {
+          jet.second[packed(k, 0)] = jet.second[packed(k, 0)] * t + jet.first[k];
+          for (std::size_t m = 1; m <= k; ++m)
+            jet.second[packed(k, m)] = jet.second[packed(k, m)] * t + inner.second[packed(k - 1, m - 1)];
+        }
+      }
+      if constexpr (Derivatives >= 1) {
+        jet.first[0] = jet.first[0] * t + jet.value;
+        for (std::size_t k = 1; k < N; ++k) jet.first[k] = jet.first[k] * t + inner.first[k - 1];
+      }
+      jet.value = jet.value * t + inner.value;
+    }
+    if constexpr (Derivatives >= 2) jet.second[0] *= 2;
+  }
+  return jet;
+}
+
+/// Coefficients of t₁^p … t_D^q, [4, …, 4], of a tensor spline in one cell.
+template <std::size_t D>
+void to_powers(const double* coefficients, const SplineAxis::Piece* const* piece, const int* active,
+               const std::ptrdiff_t* stride, Lanes* out) {
+  constexpr std::size_t inner_count = std::size_t{1} << (2 * (D - 1));
+  std::fill_n(out, 4 * inner_count, Lanes{});
+  for (int f = 0; f < *active; ++f) {
+    std::array<Lanes, inner_count> inner;
+    if constexpr (D == 1) {
+      inner[0] = load(coefficients + f * *stride);
+    } else {
+      to_powers<D - 1>(coefficients + f * *stride, piece + 1, active + 1, stride + 1, inner.data());
+    }
+    for (std::size_t p = 0; p < 4; ++p)
+      for (std::size_t i = 0; i < inner_count; ++i) out[p * inner_count + i] += (**piece)[p][f] * inner[i];
+  }
+}
+
+/// Of powers up to 3 of the outer variables, [4, …], the place among those up to 6, [7, …].
+constexpr std::size_t row_of(std::size_t outer) {
+  return outer / 4 * k_powers + outer % 4;
+}
+
 }  // namespace
 
 JointQuadraticForm::JointQuadraticForm(std::span<const numerics::CubicSplineBasis> bases,
@@ -60,10 +121,7 @@ JointQuadraticForm::JointQuadraticForm(std::span<const numerics::CubicSplineBasi
     cells *= axes_[i].size();
     grid_strides_[i] = source_stride_ > 0 ? strides[i] / source_stride_ : 0;
   }
-  if (axes_.size() <= 2) {
-    cell_.resize(cells);
-    polynomial_.resize(cells * k_lanes * (axes_.size() == 2 ? k_powers : 1));
-  }
+  if (axes_.size() <= 3) cell_.resize(cells);
 }
 
 void JointQuadraticForm::set(const Eigen::Ref<const Eigen::MatrixXd>& a,
@@ -81,7 +139,8 @@ void JointQuadraticForm::set(const Eigen::Ref<const Eigen::MatrixXd>& a,
   std::fill_n(square_.begin(), k, -0.5);
   if (has_linear) linear_[k] = 1;
   for (Index i = 0; i < std::ssize(axes_); ++i) strides_[i] = grid_strides_[i] * padded_;
-  std::fill(cell_.begin(), cell_.end(), Cell::unknown);
+  std::fill(cell_.begin(), cell_.end(), k_unknown);
+  polynomial_.clear();
   if (used == 0) return;
   combination_.resize(count_, used);
   combination_.leftCols(k) = a.transpose();
@@ -127,50 +186,80 @@ void JointQuadraticForm::sum_squares(const std::array<SplineAxis::Place, D>& pla
 }
 
 template <std::size_t D>
-void JointQuadraticForm::multiply_out(std::size_t cell, const std::array<SplineAxis::Place, D>& place) {
-  constexpr std::size_t outer_powers = D == 2 ? 4 : 1, rows = D == 2 ? k_powers : 1;
+const double* JointQuadraticForm::polynomial_at(const std::array<SplineAxis::Place, D>& place) {
+  std::size_t at = place[0].piece;
+  for (std::size_t i = 1; i < D; ++i) at = at * axes_[i].size() + place[i].piece;
+  Index& cell = cell_[at];
+  if (cell == k_unknown) cell = multiply_out(place);
+  return cell == k_squares ? nullptr : polynomial_.data() + cell;
+}
+
+template <std::size_t D>
+Index JointQuadraticForm::multiply_out(const std::array<SplineAxis::Place, D>& place) {
+  constexpr std::size_t outer_count = std::size_t{1} << (2 * (D - 1));
+  constexpr Index rows = k_rows<D>;
   std::array<std::array<Lanes, k_powers>, rows> total{};
-  const auto& inner_axis = axes_[D - 1];
-  const auto& inner_piece = inner_axis.piece(place[D - 1].piece);
+  std::array<std::array<Lanes, 4>, outer_count>
+      s;  // of each power of the outer variables, those of the inner
+  std::array<const SplineAxis::Piece*, D> piece;
+  std::array<int, D> active;
   const double* start = table_.data();
-  for (std::size_t i = 0; i < D; ++i) start += place[i].piece * strides_[i];
+  for (std::size_t i = 0; i < D; ++i) {
+    piece[i] = &axes_[i].piece(place[i].piece);
+    active[i] = axes_[i].active();
+    start += place[i].piece * strides_[i];
+  }
   for (Index k = 0; k < padded_; k += k_lane_count) {
-    // s as a polynomial: Σ s_pq t₁^p t₂^q.
-    std::array<std::array<Lanes, 4>, outer_powers> s{};
-    const int outer_active = D == 2 ? axes_[0].active() : 1;
-    for (int f = 0; f < outer_active; ++f) {
-      std::array<Lanes, 4> inner{};
-      for (int g = 0; g < inner_axis.active(); ++g) {
-        const Lanes c = load(start + k + (D == 2 ? f * strides_[0] : 0) + g * strides_[D - 1]);
-        for (std::size_t q = 0; q < 4; ++q) inner[q] += inner_piece[q][g] * c;
-      }
-      for (std::size_t p = 0; p < outer_powers; ++p) {
-        const double weight = D == 2 ? axes_[0].piece(place[0].piece)[p][f] : 1.0;
-        for (std::size_t q = 0; q < 4; ++q) s[p][q] += weight * inner[q];
-      }
-    }
+    to_powers<D>(start + k, piece.data(), active.data(), strides_.data(), s[0].data());
     const Lanes square = load(square_.data() + k), one = load(linear_.data() + k);
-    for (std::size_t p = 0; p < outer_powers; ++p) {
-      for (std::size_t q = 0; q < 4; ++q) {
-        Lanes factor = square * s[p][q];
-        if (p == 0 && q == 0) factor += one;
-        for (std::size_t m = 0; m < outer_powers; ++m)
-          for (std::size_t n = 0; n < 4; ++n) total[p + m][q + n] += factor * s[m][n];
+    for (std::size_t a = 0; a < outer_count; ++a) {
+      auto& of_a = total[row_of(a)];
+      for (std::size_t q = 0; q < 4; ++q) of_a[q] += one * s[a][q];
+      for (std::size_t b = 0; b <= a; ++b) {
+        auto& out = total[row_of(a) + row_of(b)];
+        const Lanes twice = (a == b ? 1 : 2) * square;
+        for (std::size_t q = 0; q < 4; ++q) {
+          const Lanes factor = twice * s[a][q];
+          for (std::size_t n = 0; n < 4; ++n) out[q + n] += factor * s[b][n];
+        }
       }
     }
   }
-  double* out = polynomial_.data() + cell * rows * k_lanes;
+  const Index at = std::ssize(polynomial_);
+  polynomial_.resize(at + rows * k_lane_count);
+  double* out = polynomial_.data() + at;
   double absolute = 0;
-  for (std::size_t p = 0; p < rows; ++p) {
-    for (std::size_t q = 0; q < k_powers; ++q) {
-      out[p * k_lanes + q] = sum(total[p][q]);
-      absolute += std::abs(out[p * k_lanes + q]);
-    }
-    out[p * k_lanes + k_powers] = 0;
+  for (const auto& row : total) {
+    for (std::size_t q = 0; q < k_powers; ++q) absolute += std::abs(out[q] = sum(row[q]));
+    out += k_lanes;
   }
-  const double highest = out[0] + absolute - std::abs(out[0]);
-  const bool good = absolute <= k_largest_polynomial || highest < -k_min_fraction * absolute;
-  cell_[cell] = good ? Cell::polynomial : Cell::squares;
+  const double first = polynomial_[at], highest = first + absolute - std::abs(first);
+  if (absolute <= k_largest_polynomial || highest < -k_min_fraction * absolute) return at;
+  polynomial_.resize(at);
+  return k_squares;
+}
+
+template <std::size_t D, int Derivatives>
+void JointQuadraticForm::evaluate_polynomial(const double* c, const std::array<SplineAxis::Place, D>& place,
+                                             Result<D>& result) const {
+  constexpr std::size_t last = D - 1;
+  const auto jet = horner<last, Derivatives>(c, place.data());
+  const Powers<Derivatives> powers(place[last].t);
+  std::array<double, D> scale;
+  for (std::size_t i = 0; i < D; ++i) scale[i] = axes_[i].scale(place[i].piece);
+  result.value = sum(jet.value * powers.value);
+  if constexpr (Derivatives >= 1) {
+    for (std::size_t i = 0; i < last; ++i) result.gradient[i] = scale[i] * sum(jet.first[i] * powers.value);
+    result.gradient[last] = scale[last] * sum(jet.value * powers.first);
+  }
+  if constexpr (Derivatives >= 2) {
+    for (std::size_t i = 0; i < last; ++i) {
+      for (std::size_t m = 0; m <= i; ++m)
+        result.hessian[packed(i, m)] = scale[i] * scale[m] * sum(jet.second[packed(i, m)] * powers.value);
+      result.hessian[packed(last, i)] = scale[last] * scale[i] * sum(jet.first[i] * powers.first);
+    }
+    result.hessian.back() = scale[last] * scale[last] * sum(jet.value * powers.second);
+  }
 }
 
 template <std::size_t D, int Derivatives>
@@ -179,38 +268,13 @@ void JointQuadraticForm::evaluate_all(const Eigen::Ref<const Eigen::MatrixXd>& p
   Result<D> result;
   for (Index row = 0; row < points.rows(); ++row) {
     for (std::size_t i = 0; i < D; ++i) place[i] = axes_[i].locate(points(row, i));
-    bool done = false;
-    if constexpr (D <= 2) {
-      const std::size_t cell = D == 2 ? place[0].piece * axes_[1].size() + place[1].piece : place[0].piece;
-      if (cell_[cell] == Cell::unknown) multiply_out<D>(cell, place);
-      if (cell_[cell] == Cell::polynomial) {
-        done = true;
-        constexpr std::size_t rows = D == 2 ? k_powers : 1;
-        const double* c = polynomial_.data() + cell * rows * k_lanes;
-        // Horner's rule over the outer variable, with derivatives; the inner one lies along the lanes.
-        Lanes value = load(c + (rows - 1) * k_lanes), slope{}, bend{};
-        const double t = place[0].t;
-        for (std::size_t p = rows - 1; p-- > 0;) {
-          if constexpr (Derivatives >= 2) bend = bend * t + slope;
-          if constexpr (Derivatives >= 1) slope = slope * t + value;
-          value = value * t + load(c + p * k_lanes);
-        }
-        const Powers<Derivatives> powers(place[D - 1].t);
-        const double inner = axes_[D - 1].scale(place[D - 1].piece);
-        result.value = sum(value * powers.value);
-        if constexpr (Derivatives >= 1) result.gradient[D - 1] = inner * sum(value * powers.first);
-        if constexpr (Derivatives >= 2) result.hessian.back() = inner * inner * sum(value * powers.second);
-        if constexpr (D == 2) {
-          const double outer = axes_[0].scale(place[0].piece);
-          if constexpr (Derivatives >= 1) result.gradient[0] = outer * sum(slope * powers.value);
-          if constexpr (Derivatives >= 2) {
-            result.hessian[0] = 2 * outer * outer * sum(bend * powers.value);
-            result.hessian[1] = outer * inner * sum(slope * powers.first);
-          }
-        }
-      }
+    const double* polynomial = nullptr;
+    if constexpr (D <= 3) polynomial = polynomial_at(place);
+    if (polynomial == nullptr) {
+      sum_squares<D, Derivatives>(place, result);
+    } else {
+      evaluate_polynomial<D, Derivatives>(polynomial, place, result);
     }
-    if (!done) sum_squares<D, Derivatives>(place, result);
     out.value[row] = constant_ + result.value;
     if constexpr (Derivatives >= 1)
       for (std::size_t i = 0; i < D; ++i) out.gradient[row + i * out.gradient_stride] = result.gradient[i];
@@ -284,7 +348,14 @@ void JointQuadraticForm::sum_squares_in_line(const std::array<SplineAxis::Place,
 
 void JointQuadraticForm::set_grid(const Eigen::Ref<const Eigen::MatrixXd>& axes) {
   const std::size_t last = axes_.size() - 1;
-  assert(has_grid() && axes.cols() == std::ssize(axes_));
+  assert(has_grid() && axes.cols() == std::ssize(axes_) && axes.rows() > 0);
+  double nodes_per_cell = 1;
+  for (std::size_t i = 0; i <= last; ++i) {
+    const Index from = axes_[i].locate(axes(0, i)).piece,
+                to = axes_[i].locate(axes(axes.rows() - 1, i)).piece;
+    nodes_per_cell *= 1.0 * axes.rows() / (std::abs(to - from) + 1);
+  }
+  multiplies_out_ = last == 1 || nodes_per_cell > k_min_nodes;
   places_.resize(last);
   for (std::size_t i = 0; i < last; ++i) {
     places_[i].resize(axes.rows());
@@ -311,21 +382,16 @@ void JointQuadraticForm::evaluate_run(const numerics::GridRun& run, double* valu
     const Index n = end - begin;
     const double* t = along_.data() + begin;
     double* out = value + run.at + (begin - run.begin);
-    if constexpr (D == 2) {
-      const std::size_t cell = place[0].piece * axes_[1].size() + place[1].piece;
-      if (cell_[cell] == Cell::unknown) multiply_out<2>(cell, place);
-      if (cell_[cell] == Cell::polynomial) {
-        const double* c = polynomial_.data() + cell * k_powers * k_lanes;
-        Lanes line = load(c + (k_powers - 1) * k_lanes);
-        for (std::size_t p = k_powers - 1; p-- > 0;) line = line * place[0].t + load(c + p * k_lanes);
-        const double c0 = line[0] + constant_, c1 = line[1], c2 = line[2], c3 = line[3], c4 = line[4],
-                     c5 = line[5], c6 = line[6];
-        for (Index i = 0; i < n; i += k_lane_count) {
-          const Lanes x = load(t + i);
-          store(out + i, c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * (c5 + x * c6))))), n - i);
-        }
-        continue;
+    const double* const polynomial = multiplies_out_ ? polynomial_at(place) : nullptr;
+    if (polynomial != nullptr) {
+      const Lanes line = horner<D - 1, 0>(polynomial, place.data()).value;
+      const double c0 = line[0] + constant_, c1 = line[1], c2 = line[2], c3 = line[3], c4 = line[4],
+                   c5 = line[5], c6 = line[6];
+      for (Index i = 0; i < n; i += k_lane_count) {
+        const Lanes x = load(t + i);
+        store(out + i, c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * (c5 + x * c6))))), n - i);
       }
+      continue;
     }
     sum_squares_in_line<D>(place, t, n, out);
   }

@@ -1,7 +1,6 @@
 #pragma once
 /// @file Quadratic forms of the functions of a tensor grid, at a cost that does not depend on their number.
 #include <array>
-#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -15,11 +14,11 @@ namespace knothe::model {
 /// ℓ(p) = constant − ½ |s(p)|² + q(p), where s = A w + b and q = c·w are tensor splines themselves: the table
 /// of B-spline coefficients is transformed once per form.
 ///
-/// For one and two parameters ℓ is, on each cell of the grid, a polynomial of degree 6 in each of them: it is
+/// For up to three parameters ℓ is, on each cell of the grid, a polynomial of degree 6 in each of them: it is
 /// multiplied out when a point first falls into the cell. Its rounding error is that of the largest term in
-/// the cell; where this could be felt (see `k_largest_polynomial`), and for three and four parameters, s is
-/// evaluated and squared. On a grid of two or three parameters the polynomials, or the splines s, are
-/// contracted to those of one variable per row and cell.
+/// the cell; where this could be felt (see `k_largest_polynomial`), and for four parameters, s is evaluated
+/// and squared. On a grid of two or three parameters the polynomials, or the splines s, are contracted to
+/// those of one variable per row and cell.
 class JointQuadraticForm final : public QuadraticForm, public numerics::GridEvaluator {
  public:
   static constexpr std::size_t k_max_parameters = 4;
@@ -39,7 +38,7 @@ class JointQuadraticForm final : public QuadraticForm, public numerics::GridEval
   void evaluate_runs(std::span<const numerics::GridRun> runs, Eigen::Ref<Eigen::VectorXd> value) override;
 
  private:
-  enum class Cell : std::uint8_t { unknown, polynomial, squares };
+  static constexpr Index k_unknown = -1, k_squares = -2;  ///< of a cell, instead of where its polynomial is
   /// One point's ℓ − constant, gradient and packed Hessian.
   template <std::size_t D>
   struct Result {
@@ -61,13 +60,20 @@ class JointQuadraticForm final : public QuadraticForm, public numerics::GridEval
   void evaluate_all(const Eigen::Ref<const Eigen::MatrixXd>& points, const Output& out);
   template <std::size_t D, int Derivatives>
   void sum_squares(const std::array<SplineAxis::Place, D>& place, Result<D>& result) const;
+  template <std::size_t D, int Derivatives>
+  void evaluate_polynomial(const double* c, const std::array<SplineAxis::Place, D>& place,
+                           Result<D>& result) const;
   template <std::size_t D>
   void sum_squares_in_line(const std::array<SplineAxis::Place, D>& place, const double* t, Index n,
                            double* value);
   template <std::size_t D>
   void evaluate_run(const numerics::GridRun& run, double* value);
+  /// The polynomial of the cell where `place` is, coefficients of t₁^p … t_d^q at [7, …, 8], the last of 8
+  /// zero; null where squares are to be summed.
   template <std::size_t D>
-  void multiply_out(std::size_t cell, const std::array<SplineAxis::Place, D>& place);
+  const double* polynomial_at(const std::array<SplineAxis::Place, D>& place);
+  template <std::size_t D>
+  Index multiply_out(const std::array<SplineAxis::Place, D>& place);
 
   std::vector<SplineAxis> axes_;
   std::span<const double> coefficients_;  ///< of w
@@ -79,9 +85,10 @@ class JointQuadraticForm final : public QuadraticForm, public numerics::GridEval
   std::vector<double> table_;    ///< B-spline coefficients of s and q, [n₁, …, n_d, padded]
   std::array<std::ptrdiff_t, k_max_parameters> grid_strides_{}, strides_{};
   std::vector<double> square_, linear_;  ///< per function: −½ and 0 for s, 0 and 1 for q, 0 and 0 for padding
-  std::vector<double> polynomial_;       ///< per cell: coefficients [7, 8] or [8] in t, the last of 8 zero
-  std::vector<Cell> cell_;
-  std::vector<double> line_;  ///< of one row in one cell: s in the powers of t, [4, padded]
+  std::vector<double> polynomial_;       ///< of the cells that points fell into
+  std::vector<Index> cell_;              ///< where the polynomial of each begins
+  bool multiplies_out_ = true;           ///< on the grid
+  std::vector<double> line_;             ///< of one row in one cell: s in the powers of t, [4, padded]
   std::vector<std::vector<SplineAxis::Place>> places_;  ///< of the grid's nodes, but on the last axis:
   std::vector<double> along_;                           ///< t of each node there
   std::vector<std::size_t> piece_;
