@@ -21,8 +21,8 @@ constexpr double k_largest_polynomial = 2e6;
 /// relative.
 constexpr double k_min_fraction = 1e-5;
 /// A grid of three parameters with so many nodes in a cell is worth its polynomial, which costs as much as
-/// some 15 rows of squares.
-constexpr double k_min_nodes = 100;
+/// some 30 rows of squares.
+constexpr double k_min_nodes = 400;
 
 double sum(const Lanes& v) {
   typedef double Four __attribute__((vector_size(4 * sizeof(double))));
@@ -269,7 +269,9 @@ void JointQuadraticForm::evaluate_all(const Eigen::Ref<const Eigen::MatrixXd>& p
   for (Index row = 0; row < points.rows(); ++row) {
     for (std::size_t i = 0; i < D; ++i) place[i] = axes_[i].locate(points(row, i));
     const double* polynomial = nullptr;
-    if constexpr (D <= 3) polynomial = polynomial_at(place);
+    // Of three parameters it costs as much as thirty values: points without derivatives are spread too
+    // thinly.
+    if constexpr (D <= 2 || (D == 3 && Derivatives > 0)) polynomial = polynomial_at(place);
     if (polynomial == nullptr) {
       sum_squares<D, Derivatives>(place, result);
     } else {

@@ -16,9 +16,9 @@ namespace knothe::model {
 ///
 /// For up to three parameters ℓ is, on each cell of the grid, a polynomial of degree 6 in each of them: it is
 /// multiplied out when a point first falls into the cell. Its rounding error is that of the largest term in
-/// the cell; where this could be felt (see `k_largest_polynomial`), and for four parameters, s is evaluated
-/// and squared. On a grid of two or three parameters the polynomials, or the splines s, are contracted to
-/// those of one variable per row and cell.
+/// the cell; where this could be felt (see `k_largest_polynomial`), for values alone with three parameters,
+/// and for four, s is evaluated and squared. On a grid of two or three parameters the polynomials, or the
+/// splines s, are contracted to those of one variable per row and cell.
 class JointQuadraticForm final : public QuadraticForm, public numerics::GridEvaluator {
  public:
   static constexpr std::size_t k_max_parameters = 4;
