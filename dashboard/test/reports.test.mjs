@@ -154,6 +154,28 @@ async function firstScreenAndSlider(page) {
   );
 }
 
+/** Of what is rejected no number looks as if it could be used; what was measured does. */
+async function rejectedIsStruck(page) {
+  const seen = await page.evaluate(() => {
+    const figures = '[data-figure="load"], [data-figure^="parameter:"], [data-figure^="forecast:"]';
+    const all = (selector) =>
+      [...document.querySelectorAll(figures)].flatMap((figure) => [...figure.querySelectorAll(selector)]);
+    const style = (elements, name) => [...new Set(elements.map((e) => getComputedStyle(e)[name]))];
+    return {
+      numbers: style(all(".legend b:not(.fact)"), "textDecorationLine"),
+      plots: style(all("canvas"), "filter"),
+      cells: style([...document.querySelectorAll(".tables td:not(:first-child)")], "textDecorationLine"),
+      measured: style([...document.querySelectorAll('[data-figure^="measured:"] .fact')], "textDecorationLine"),
+    };
+  });
+  assert.deepEqual(seen, {
+    numbers: ["line-through"],
+    plots: ["grayscale(1)"],
+    cells: ["line-through"],
+    measured: ["none"],
+  });
+}
+
 for (const report of reports) {
   const name = basename(report) === "index.html" ? basename(dirname(report)) : basename(report, ".html");
   const isAssimilation = readFileSync(report, "utf8").includes('{"kind":"assimilation"');
@@ -164,6 +186,8 @@ for (const report of reports) {
     await drawn(page);
     await t.test("every figure is drawn", () => figuresAreDrawn(page, name, "light"));
     if (isAssimilation) await t.test("first screen, and the slider", () => firstScreenAndSlider(page));
+    if (await page.locator("html.rejected").count())
+      await t.test("nothing rejected looks usable", () => rejectedIsStruck(page));
     await t.test("figures are numbered, and saved as SVG, PNG and CSV", () => figuresAreNumberedAndSaved(page));
     await t.test("on paper it has few pages", () => fitsOnPaper(page, name));
     await t.test("the cursor gives values, and dragging zooms", () => cursorGivesValuesAndDraggingZooms(page));
