@@ -139,7 +139,8 @@ function seriesSvg(frame: Frame, spec: ChartSpec, s: Series): string {
       fill: s.colour,
       "fill-opacity": s.opacity ?? 0.25,
     });
-  if (s.hidden) return "";
+  // Edges of a band are the band's; other lines without words of their own are faint.
+  if (s.hidden && spec.series.some((other) => spec.series[other.bandTo ?? -1] === s)) return "";
   if (s.bars) {
     const wide = Math.max(1, (0.8 * frame.width) / Math.max(1, spec.times.length));
     const foot = frame.y(Math.max(0, frame.low));
@@ -176,6 +177,7 @@ function seriesSvg(frame: Frame, spec: ChartSpec, s: Series): string {
     fill: "none",
     stroke: s.colour,
     "stroke-width": s.width ?? 2,
+    "stroke-opacity": s.hidden ? 0.35 : undefined,
     "stroke-dasharray": s.dash?.length ? s.dash.join(" ") : undefined,
   });
   return line + dots;
@@ -228,7 +230,7 @@ function axesSvg(frame: Frame, spec: ChartSpec, theme: Theme, times: readonly nu
   const decades = powers.filter(within);
   const rows = spec.logarithmic
     ? decades.length > 2
-      ? decades.filter((_, k) => k % Math.ceil(decades.length / 6) === 0)
+      ? decades.filter((_, k) => k % Math.ceil(decades.length / Math.max(2, Math.floor(frame.height / 18))) === 0)
       : powers.flatMap((v) => [v, 2 * v, 5 * v]).filter(within)
     : ticks({ low: frame.low, high: frame.high }, 5);
   const columns = last > first ? ticks({ low: first, high: last }, frame.width / 70) : [first];
@@ -250,7 +252,7 @@ function axesSvg(frame: Frame, spec: ChartSpec, theme: Theme, times: readonly nu
       { transform: `translate(14 ${(frame.top + frame.height / 2).toFixed(0)}) rotate(-90)` },
       text(0, 0, spec.yLabel, theme.faint, {
         "text-anchor": "middle",
-        "font-size": labelSize(spec.yLabel, frame.height + 24),
+        "font-size": labelSize(spec.yLabel, frame.height + 10),
       }),
     ),
   ].join("");
