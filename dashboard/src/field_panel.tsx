@@ -47,7 +47,8 @@ export function FieldPanel({ model, fields, sensors, theme, quantity, setQuantit
   const counts = countWords(sensors.value);
   const step = quantity === "residual" ? sensors.value?.step : fields.value?.step;
   const title = `Field on the structure${step === undefined ? "" : `, step ${step}`}`;
-  const problem = mesh ? (fields.problem ?? shown.problem) : "The model of this site has no mesh.";
+  const none = model ? "The model of this site has no mesh." : "";
+  const problem = mesh ? (fields.problem ?? shown.problem) : none;
   const table = (): string | undefined => {
     if (shown.sensors) return sensors.value && model?.sensors && sensorsTable(sensors.value, model.sensors);
     const values = vectorsOf(quantity, fields.value);
