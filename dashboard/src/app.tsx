@@ -184,6 +184,7 @@ export function App({ store }: { store: Store }) {
             fields={store.detail.fields}
             sensors={store.detail.sensors}
             theme={theme}
+            known={model !== undefined || line !== undefined}
             quantity={store.wanted}
             setQuantity={(name) => store.want(name)}
             fetchPicture={(step) => store.api.picture(step)}

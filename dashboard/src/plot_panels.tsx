@@ -158,7 +158,7 @@ export function ForecastPanel(props: PlotProps & { quantity: number; setQuantity
     <ChartsPanel
       id="forecast"
       title={title}
-      note={q ? note : props.model ? "The project file asks for no forecast." : ""}
+      note={q ? note : props.model || props.line ? "The project file asks for no forecast." : ""}
       specs={specs}
       props={props}
       controls={
