@@ -19,7 +19,7 @@ version = release = re.search(r"project\(knothe VERSION ([\d.]+)", (HERE.parent 
 
 sys.dont_write_bytecode = True  # nothing is left in the sources
 sys.path.insert(0, str(HERE))
-extensions = ["myst_parser", "sphinx.ext.mathjax", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "api"]
+extensions = ["myst_parser", "sphinx.ext.mathjax", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "api", "options"]
 source_suffix = {".md": "markdown"}
 root_doc = "index"
 exclude_patterns = ["_static"]

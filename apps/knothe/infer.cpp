@@ -28,20 +28,27 @@ void require_possible(const project::Project& project, Method method, bool overr
   throw project.error_at("method.kind", text);
 }
 
+report::Usability worth_of(const record::InferenceRun& run) {
+  const nlohmann::json content =
+      record::inference_record(run.result, run.setup.axes, record::samples_path(run.folder));
+  return report::judgement(content).usability;
+}
+
+/// Numbers that are not simply usable are grey.
 record::InferenceRun run(const project::Project& project, Method method, const std::string& folder,
                          const files::CommandOutput& output) {
   record::InferenceRun run = record::run_inference(project, method, folder);
+  const std::string text = for_people(record::inference_text(run), stdout, 2);
+  const bool usable = worth_of(run) == report::Usability::usable;
   output.line(record::inference_record(run.result, run.setup.axes, record::samples_path(folder)),
-              record::inference_text(run));
+              usable ? text : coloured(text, Colour::grey, stdout));
   return run;
 }
 
 /// As the first line of the report.
 std::string result_line(const record::InferenceRun& run) {
   using report::Usability;
-  const nlohmann::json content =
-      record::inference_record(run.result, run.setup.axes, record::samples_path(run.folder));
-  const Usability worth = report::judgement(content).usability;
+  const Usability worth = worth_of(run);
   const Colour colour = worth == Usability::usable         ? Colour::green
                         : worth == Usability::with_caveats ? Colour::yellow
                                                            : Colour::red;
@@ -67,9 +74,10 @@ int compare(const InferArguments& arguments, const project::Project& project) {
       record::comparison_record(comparison, assimilation::to_text(first), assimilation::to_text(second));
   files::write_text_atomically((folder / "comparison.json").string(), files::json_line(record) + "\n");
   output.line(record, record::comparison_text(runs[0], runs[1], comparison));
-  output.text(comparison.in_words());
+  output.text(for_people(comparison.in_words(), stdout, 2));
   for (const record::InferenceRun& run : runs)
-    output.text(fmt::format("{}: {}", assimilation::to_text(run.result.method), run.result.verdict));
+    output.text(for_people(
+        fmt::format("{}: {}", assimilation::to_text(run.result.method), run.result.verdict), stdout, 2));
   if (comparison.contradict() && runs[0].result.trusted && runs[1].result.trusted)
     return static_cast<int>(ExitStatus::rejected);
   return exit_status(runs[0].result.trusted && runs[1].result.trusted);
@@ -93,7 +101,7 @@ int infer(const InferArguments& arguments) {
   const files::CommandOutput output(arguments.json);
   const record::InferenceRun answer = run(project, method, project.results, output);
   output.text(result_line(answer));
-  output.text(answer.result.verdict);
+  output.text(for_people(answer.result.verdict, stdout, 2));
   return exit_status(answer.result.trusted);
 }
 

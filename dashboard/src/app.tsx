@@ -15,7 +15,7 @@ import { ComparisonPanel } from "./comparison_panel";
 import { EvidencePanel, ForecastPanel, ParametersPanel, TimingPanel } from "./plot_panels";
 import { saveText } from "./png";
 import { Scrub } from "./scrub";
-import { parameterNames, quantitiesIn, worthClass } from "./specs";
+import { firstOpen, parameterNames, quantitiesIn, worthClass } from "./specs";
 import type { Store } from "./store";
 import { SignalPanel } from "./signal_panel";
 import { Summary } from "./summary";
@@ -38,7 +38,7 @@ export function App({ store }: { store: Store }) {
   const theme = themeOf(dark);
   const [help, setHelp] = useState(false);
   const [playing, setPlaying] = useState(false);
-  const [quantity, setQuantity] = useState(0);
+  const [chosenQuantity, setQuantity] = useState<number>();
 
   useEffect(() => store.subscribe(() => redraw((n) => n + 1)), [store]);
   useEffect(() => {
@@ -57,6 +57,7 @@ export function App({ store }: { store: Store }) {
   const budget = status?.budget_us ?? model?.budget_us;
   const version = history.version;
   const quantities = quantitiesIn(model, line);
+  const quantity = Math.min(chosenQuantity ?? firstOpen(quantities, line), Math.max(0, quantities.length - 1));
   const names = parameterNames(model, line);
   // The pair plot is of one step: that of its draws, which may come a moment after the line.
   const pairLine = history.find(store.detail.samples.value?.step ?? -1) ?? line;
@@ -87,7 +88,7 @@ export function App({ store }: { store: Store }) {
         l: () => store.choose(undefined),
         " ": () => setPlaying((p) => !p),
         f: () => store.want(fields[(fields.findIndex((x) => x.value === store.wanted) + 1) % fields.length]!.value),
-        q: () => setQuantity((k) => (k + 1) % Math.max(1, quantities.length)),
+        q: () => setQuantity((quantity + 1) % Math.max(1, quantities.length)),
         t: nextTheme,
         "?": () => setHelp(true),
       };
@@ -99,7 +100,7 @@ export function App({ store }: { store: Store }) {
       event.preventDefault();
       action();
     },
-    [fields.length, quantities.length, nextTheme],
+    [fields.length, quantities.length, quantity, nextTheme],
   );
   useEffect(() => {
     addEventListener("keydown", key);
@@ -183,6 +184,7 @@ export function App({ store }: { store: Store }) {
             fields={store.detail.fields}
             sensors={store.detail.sensors}
             theme={theme}
+            known={model !== undefined || line !== undefined}
             quantity={store.wanted}
             setQuantity={(name) => store.want(name)}
             fetchPicture={(step) => store.api.picture(step)}

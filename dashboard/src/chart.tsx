@@ -17,6 +17,8 @@ export interface Series {
   bars?: boolean;
   /** Index of the series that this one is the upper edge of a band with; the band's opacity. */
   bandTo?: number;
+  /** Index of the series that is the other edge of an interval drawn as two lines: the legend says both. */
+  edgeOf?: number;
   opacity?: number;
   /** Edges of bands have no entry of their own in the legend. */
   hidden?: boolean;
@@ -28,6 +30,8 @@ export interface Series {
   dots?: boolean;
   /** What the legend and a table say, where it is not what is drawn (stacked bars). */
   said?: (number | null | undefined)[];
+  /** Measured or given: as certain under any verdict. */
+  fact?: boolean;
 }
 
 export interface Mark {
@@ -82,6 +86,10 @@ export interface LegendEntry {
   look: "line" | "dash" | "band" | "bar";
   opacity?: number;
   value?: string;
+  /** As of a series. */
+  fact?: boolean;
+  /** Not said again below a plot that says it. */
+  once?: boolean;
 }
 
 export function legendOf(spec: ChartSpec, index: number | undefined, theme: Theme): LegendEntry[] {
@@ -91,22 +99,24 @@ export function legendOf(spec: ChartSpec, index: number | undefined, theme: Them
       const value = index === undefined ? null : (of.said ?? of.values)[index];
       return value === null || value === undefined ? "–" : (of.format ?? significant)(value);
     };
-    const lower = s.bandTo === undefined ? undefined : spec.series[s.bandTo];
+    const lower = spec.series[s.bandTo ?? s.edgeOf ?? -1];
     const text = lower ? `${said(lower)} … ${said(s)}` : said(s);
-    const look = lower ? "band" : s.bars || s.dots ? "bar" : s.dash ? "dash" : "line";
+    const look = s.bandTo !== undefined ? "band" : s.bars || s.dots ? "bar" : s.dash?.length ? "dash" : "line";
     return [
       {
         label: s.label,
         colour: s.colour,
         look,
         ...(s.opacity === undefined ? {} : { opacity: s.opacity }),
+        ...(s.fact ? { fact: true } : {}),
         // An edge that is not of this time is not worth a dash.
         ...(text.includes("–") && (lower || spec.sync === "") ? {} : { value: text }),
       },
     ];
   });
   const gaps: LegendEntry[] = spec.gaps?.length ? [{ label: "no data", colour: theme.gap, look: "bar" }] : [];
-  return [...own, ...(spec.legend ?? []), ...gaps, ...notesAt(spec, index, theme)];
+  const more = (spec.legend ?? []).filter((e) => !(e.once && spec.brief));
+  return [...own, ...more, ...gaps, ...notesAt(spec, index, theme)];
 }
 
 /** The notes of the time that is looked at, in full. */
@@ -132,7 +142,12 @@ export function Legend({ entries, theme }: { entries: LegendEntry[]; theme: Them
             }}
           />
           {e.label}
-          {e.value !== undefined && <b> {e.value}</b>}
+          {e.value !== undefined && (
+            <>
+              {" "}
+              <b {...(e.fact ? { class: "fact" } : {})}>{e.value}</b>
+            </>
+          )}
         </li>
       ))}
     </ul>
@@ -241,6 +256,28 @@ function data(spec: ChartSpec): uPlot.AlignedData {
   return [spec.times, ...scaled];
 }
 
+/** A label along an axis of this length: smaller where it would be cut. */
+export function labelSize(label: string, length: number): number {
+  return Math.max(8, Math.min(12, (12 * length) / (letterWidth * label.length)));
+}
+/** px of an average letter of 12 px. */
+const letterWidth = 6;
+
+/** What the horizontal axis shows of these times: dots and bars at its ends are whole. */
+export function horizontalRange(spec: ChartSpec, low: number, high: number): [number, number] {
+  if (!(high > low)) return [low - 0.5, low + 0.5];
+  const bars = spec.series.some((s) => s.bars);
+  if (!bars && !spec.series.some((s) => s.dots)) return [low, high];
+  const margin = bars && spec.times.length > 1 ? 0.5 / (spec.times.length - 1) : 0.02;
+  return [low - margin * (high - low), high + margin * (high - low)];
+}
+
+/** Words of vertical marks stand at the foot of a plot, or at its top where a horizontal mark is in their way. */
+export function wordsAtTop(horizontals: readonly number[], top: number, bottom: number): boolean {
+  const near = (from: number, to: number): boolean => horizontals.some((y) => y >= from && y <= to);
+  return near(bottom - 26, bottom) && !near(top, top + 26);
+}
+
 type Live = {
   current: { spec: ChartSpec; selected: number | undefined; onSelect: (time: number) => void; theme: Theme };
 };
@@ -272,7 +309,7 @@ function options(live: Live, width: number, height: number, hover: (index: numbe
       points: { size: 6 },
     },
     scales: {
-      x: { time: false, range: (_u, low, high) => (high > low ? [low, high] : [low - 0.5, low + 0.5]) },
+      x: { time: false, range: (_u, low, high) => horizontalRange(live.current.spec, low, high) },
       y: yScale(live),
     },
     axes: [
@@ -282,6 +319,7 @@ function options(live: Live, width: number, height: number, hover: (index: numbe
         labelSize: 18,
         size: 30,
         space: 60,
+        values: (_u, ticks) => ticks.map((v) => (v === null ? "" : given(v))),
         ...(spec.counts ? { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000] } : {}),
       },
       ...(spec.above
@@ -305,6 +343,7 @@ function options(live: Live, width: number, height: number, hover: (index: numbe
         ticks: { ...axis.ticks, filter: labelled },
         scale: "y",
         label: spec.yLabel,
+        labelFont: `${labelSize(spec.yLabel, height - (spec.above ? aboveHeight : 0) - 32)}px system-ui, sans-serif`,
         labelSize: 20,
         // As wide as its longest number.
         size: (_u, ticks) => Math.max(52, 20 + 7 * Math.max(0, ...(ticks ?? []).map((t) => t.length))),
@@ -397,6 +436,8 @@ function drawMarks(u: uPlot, { spec, theme, selected }: Live["current"]): void {
   ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
   ctx.clip();
   ctx.font = `600 ${11 * px}px system-ui, sans-serif`;
+  const across = (spec.horizontal ?? []).map((m) => u.valToPos(m.at * (spec.factor ?? 1), "y", true) / px);
+  const atTop = wordsAtTop(across, bbox.top / px, (bbox.top + bbox.height) / px);
   for (const mark of spec.horizontal ?? []) {
     const y = u.valToPos(mark.at * (spec.factor ?? 1), "y", true);
     line(ctx, bbox.left, y, bbox.left + bbox.width, y, mark, px);
@@ -415,8 +456,8 @@ function drawMarks(u: uPlot, { spec, theme, selected }: Live["current"]): void {
     line(ctx, x, bbox.top, x, bbox.top + bbox.height, mark, px);
     const right = x + ctx.measureText(mark.label).width + 8 * px > bbox.left + bbox.width;
     ctx.textAlign = right ? "right" : "left";
-    // At the foot: at the top is where thresholds have their names.
-    write(ctx, mark.label, x + (right ? -5 : 5) * px, bbox.top + bbox.height - 7 * px, theme, px);
+    const y = atTop ? bbox.top + 13 * px : bbox.top + bbox.height - 7 * px;
+    write(ctx, mark.label, x + (right ? -5 : 5) * px, y, theme, px);
   }
   drawNotes(u, spec, theme);
   if (selected !== undefined) {

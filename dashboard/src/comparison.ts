@@ -3,7 +3,7 @@ import type { ChartSpec, Series } from "./chart";
 import type { Theme } from "./colour";
 import { axisLabel, probability, scaleFor, significant, withSpread, type Scale } from "./format";
 import { bandsOf, medianPeriod, type Row } from "./history";
-import { parameterNames, parameterScale, quantityWords, thresholdMarks, timeLabel } from "./specs";
+import { modelShift, parameterNames, parameterScale, quantityWords, thresholdMarks, timeLabel } from "./specs";
 import type { Model, QuantityDescription, StepLine } from "./types";
 
 /** A test, as it is compared: `label` stands in the legend. */
@@ -76,7 +76,8 @@ function seriesOf(sides: readonly Drawn[], times: readonly number[], of: Quantil
     const { pairs, middle } = bandsOf((latest && of(latest)?.levels) ?? []);
     const at = (level: number) => aligned(times, side.rows, (line) => of(line)?.values[level]);
     const outer = pairs[0];
-    const look = { colour: side.colour, ...(side.dash ? { dash: side.dash } : {}) };
+    const format = (v: number): string => significant(v * factor, 4);
+    const look = { colour: side.colour, format, ...(side.dash ? { dash: side.dash } : {}) };
     if (outer) {
       series.push({ label: `${side.label}: low`, values: at(outer.low), ...look, hidden: true });
       const label = `${side.label}: ${outer.percent} % of the probability`;
@@ -90,17 +91,18 @@ function seriesOf(sides: readonly Drawn[], times: readonly number[], of: Quantil
         said: held(values),
         ...look,
         width: 2,
-        format: (v) => significant(v * factor, 4),
       });
     }
   }
   return series;
 }
 
-/** A mean and a standard deviation. */
+/** A mean and a standard deviation, with the reduced model's error where it is known. */
 export interface Moments {
   mean: number;
   std: number;
+  /** By an answer that is not to be used: two digits. */
+  rejected?: boolean;
 }
 
 /** The area that two normal densities share: 1 where they are the same, 0 where nothing of one lies in the other. */
@@ -128,11 +130,13 @@ export interface ComparedRow {
 
 function comparedRow(name: string, a: Moments | undefined, b: Moments | undefined, scale: Scale): ComparedRow[] {
   if (!a || !b || !(a.std > 0) || !(b.std > 0)) return [];
-  const written = ({ mean, std }: Moments): string => {
+  const written = ({ mean, std, rejected }: Moments): string => {
+    if (rejected) return significant(Number((scale.factor * mean).toPrecision(2)), 2);
     const spread = Math.abs(scale.factor) * std;
     return `${withSpread(scale.factor * mean, spread)} ± ${withSpread(spread, spread)}`;
   };
-  const difference = { mean: a.mean - b.mean, std: Math.hypot(a.std, b.std) };
+  const rejected = a.rejected === true || b.rejected === true;
+  const difference = { mean: a.mean - b.mean, std: Math.hypot(a.std, b.std), rejected };
   const sigmas = significant(Math.abs(difference.mean) / difference.std, 2);
   return [
     {
@@ -154,17 +158,24 @@ export function comparedRows(
 ): ComparedRow[] {
   const [a, b] = sides.map((side) => side.lines[side.lines.length - 1]);
   if (!a || !b) return [];
-  const parameter = (line: StepLine, k: number): Moments => ({
-    mean: line.mean[k] ?? NaN,
-    std: Math.sqrt(line.covariance[k]?.[k] ?? NaN),
+  const moments = (line: StepLine, mean: number, std: number, k?: number): Moments => ({
+    mean,
+    std: std * Math.hypot(1, modelShift(line, k)),
+    rejected: line.verdict?.level === "reject",
   });
+  const parameter = (line: StepLine, k: number): Moments =>
+    moments(line, line.mean[k] ?? NaN, Math.sqrt(line.covariance[k]?.[k] ?? NaN), k);
+  const forecast = (line: StepLine, name: string): Moments | undefined => {
+    const f = line.forecast[name];
+    return f && moments(line, f.mean, f.std);
+  };
   return [
     ...parameterNames(model, a).flatMap((name, k) =>
       comparedRow(name, parameter(a, k), parameter(b, k), parameterScale(model?.parameters[k])),
     ),
     ...quantities.flatMap((q) => {
-      const [here, other] = [a.forecast[q.name], b.forecast[q.name]];
-      const scale = scaleFor(q.units ?? here?.units, Math.abs(here?.mean ?? 0));
+      const [here, other] = [forecast(a, q.name), forecast(b, q.name)];
+      const scale = scaleFor(q.units ?? a.forecast[q.name]?.units, Math.abs(here?.mean ?? 0));
       return comparedRow(quantityWords(q), here, other, scale);
     }),
   ];

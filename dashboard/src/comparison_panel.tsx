@@ -5,7 +5,7 @@ import type { Theme } from "./colour";
 import { comparedRows, comparisonSpecs, type ComparedRow } from "./comparison";
 import { Panel } from "./panel";
 import { specsTable, type PlotProps } from "./plot_panels";
-import { quantitiesIn } from "./specs";
+import { quantitiesIn, worthClass } from "./specs";
 import type { Comparison } from "./store";
 import { testWords } from "./tests_panel";
 
@@ -31,6 +31,9 @@ export function ComparisonPanel({ comparison, close, props, theme }: Props) {
     return [comparisonSpecs(sides, model, quantities, theme), comparedRows(sides, model, quantities)];
   }, [comparison, lines, version, model, theme]);
   if (!comparison) return null;
+  // Beside a result that is not to be used a difference is none either.
+  const classes = [lines, other ?? []].map((side) => worthClass(side[side.length - 1]));
+  const worst = classes.reduce((a, b) => (b.length > a.length ? b : a));
   const empty = other?.length === 0 ? "It has no data." : undefined;
   const note =
     comparison.problem ??
@@ -50,7 +53,7 @@ export function ComparisonPanel({ comparison, close, props, theme }: Props) {
       }
       csv={() => specs.map((spec) => specsTable([spec])).join("\r\n")}
     >
-      {rows.length > 0 && <Numbers rows={rows} here={here} there={there} />}
+      {rows.length > 0 && <Numbers rows={rows} here={here} there={there} worth={worst} />}
       <div class="compared">
         {specs.map((spec) => (
           <Chart
@@ -66,11 +69,11 @@ export function ComparisonPanel({ comparison, close, props, theme }: Props) {
   );
 }
 
-function Numbers({ rows, here, there }: { rows: ComparedRow[]; here: string; there: string }) {
+function Numbers({ rows, here, there, worth }: { rows: ComparedRow[]; here: string; there: string; worth: string }) {
   const heads = [here, there, "difference", "overlap"];
   return (
     <>
-      <table class="numbers">
+      <table class={`numbers ${worth}`}>
         <thead>
           <tr>
             {["at the end", ...heads].map((head) => (

@@ -18,12 +18,14 @@ interface Props {
   fields: Detail<FieldsAnswer>;
   sensors: Detail<SensorsAnswer>;
   theme: Theme;
+  /** The service has been heard: what it does not have, it will not have. */
+  known: boolean;
   quantity: string;
   setQuantity: (quantity: string) => void;
   fetchPicture: (step: number) => Promise<ImageBitmap>;
 }
 
-export function FieldPanel({ model, fields, sensors, theme, quantity, setQuantity, fetchPicture }: Props) {
+export function FieldPanel({ model, fields, sensors, theme, known, quantity, setQuantity, fetchPicture }: Props) {
   const mesh = model?.mesh;
   const [component, setComponent] = useState<Component>("magnitude");
   const [deformed, setDeformed] = useState(true);
@@ -47,7 +49,8 @@ export function FieldPanel({ model, fields, sensors, theme, quantity, setQuantit
   const counts = countWords(sensors.value);
   const step = quantity === "residual" ? sensors.value?.step : fields.value?.step;
   const title = `Field on the structure${step === undefined ? "" : `, step ${step}`}`;
-  const problem = mesh ? (fields.problem ?? shown.problem) : "The model of this site has no mesh.";
+  const none = known ? "The model of this site has no mesh." : "";
+  const problem = mesh ? (fields.problem ?? shown.problem) : none;
   const table = (): string | undefined => {
     if (shown.sensors) return sensors.value && model?.sensors && sensorsTable(sensors.value, model.sensors);
     const values = vectorsOf(quantity, fields.value);

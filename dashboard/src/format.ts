@@ -131,3 +131,16 @@ export function axisLabel(label: string, units: string): string {
 export function words(name: string): string {
   return name.replace(/_/g, " ");
 }
+
+/** Powers of ten alone: what is between them has no room. */
+export function decade(value: number): string {
+  const power = Math.log10(value);
+  if (Math.abs(power - Math.round(power)) > 1e-6) return "";
+  return Math.abs(power) < 2.5 ? given(value) : significant(value, 1).replace("1·", "");
+}
+
+/** On an axis of less than two decades 2 and 5 have room too. */
+export function halfDecade(value: number): string {
+  const mantissa = Number(value.toExponential(3).split("e")[0]);
+  return [1, 2, 5].includes(mantissa) ? given(Number(value.toPrecision(3))) : "";
+}

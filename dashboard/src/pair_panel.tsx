@@ -238,7 +238,7 @@ function writeCorrelation(
   ctx.fillStyle = theme.faint;
   ctx.textAlign = "center";
   ctx.fillText(`correlation of ${names[j]} and ${names[i]}`, x + w / 2, y + h / 2 - 8);
-  ctx.fillStyle = theme.text;
+  ctx.fillStyle = line.verdict?.level === "reject" ? theme.faint : theme.text;
   ctx.font = "600 20px system-ui, sans-serif";
   ctx.fillText(significant(correlation(line, i, j), 2), x + w / 2, y + h / 2 + 18);
   ctx.font = "12px system-ui, sans-serif";
@@ -250,7 +250,10 @@ function horizontalAxis(ctx: CanvasRenderingContext2D, { theme }: PairPicture, c
   for (const v of ticks(cell.horizontal, Math.max(2, cell.w / 42))) {
     const x = cell.x + ((v - cell.horizontal.low) / (cell.horizontal.high - cell.horizontal.low)) * cell.w;
     ctx.fillRect(x, cell.y + cell.h, 1, 4);
-    ctx.fillText(given(v), x, cell.y + cell.h + 16);
+    // Not into the next cell's numbers.
+    const half = 3.3 * given(v).length;
+    const at = Math.max(cell.x + half - 4, Math.min(x, cell.x + cell.w - half + 4));
+    ctx.fillText(given(v), at, cell.y + cell.h + 16);
   }
   ctx.fillText(`${name} [–]`, cell.x + cell.w / 2, cell.y + cell.h + 34);
 }

@@ -20,6 +20,7 @@ import {
   timingSpec,
 } from "./specs";
 import { stackPng } from "./png";
+import { levelWords } from "./state";
 import type { Model, Status, StepLine } from "./types";
 
 export interface PlotProps {
@@ -122,7 +123,10 @@ export function ChartsPanel({ id, title, note, specs, props, controls, overTime 
 }
 
 function stepWords({ line, model }: PlotProps): string {
-  return line ? ` · ${model?.site ? `${model.site}, ` : ""}step ${line.step}, t = ${given(line.time)}` : "";
+  const level = line?.verdict?.level ?? "ok";
+  return line
+    ? ` · ${model?.site ? `${model.site}, ` : ""}step ${line.step}, t = ${given(line.time)}${level === "ok" ? "" : ` · ${levelWords[level]}`}`
+    : "";
 }
 
 export function ParametersPanel(props: PlotProps) {
@@ -140,7 +144,7 @@ export function ParametersPanel(props: PlotProps) {
 export function ForecastPanel(props: PlotProps & { quantity: number; setQuantity: (k: number) => void }) {
   const base = useBase(props);
   const all = quantitiesIn(props.model, props.line);
-  const q = all[Math.min(props.quantity, all.length - 1)];
+  const q = all[props.quantity];
   const specs = useMemo(
     () => (q ? [forecastSpec(base, q), ...(q.threshold === undefined ? [] : [probabilitySpec(base, q)])] : []),
     [base, q?.name, props.model],
@@ -154,7 +158,7 @@ export function ForecastPanel(props: PlotProps & { quantity: number; setQuantity
     <ChartsPanel
       id="forecast"
       title={title}
-      note={q ? note : "The project file asks for no forecast."}
+      note={q ? note : props.model || props.line ? "The project file asks for no forecast." : ""}
       specs={specs}
       props={props}
       controls={

@@ -3,7 +3,9 @@ import type { ChartSpec, LegendEntry, Mark, Series } from "./chart";
 import type { Theme } from "./colour";
 import {
   axisLabel,
+  decade,
   given,
+  halfDecade,
   imposed,
   microseconds,
   prettyUnits,
@@ -17,7 +19,7 @@ import {
 } from "./format";
 import { bandsOf, column, phasesOf, timeline, type Timeline } from "./history";
 import { total } from "./events";
-import type { Decision, Model, ParameterDescription, QuantityDescription, StepLine } from "./types";
+import type { Decision, Forecast, Model, ParameterDescription, QuantityDescription, StepLine } from "./types";
 
 export const timeLabel = "model time t [–]";
 
@@ -145,7 +147,7 @@ export function parameterSpec(
         include: true,
       });
       marks.push({ at: at(outer.low), label: "", colour: theme.prior, dash: [6, 4], include: true });
-      legend.push({ label: `prior ${outer.percent} %`, colour: theme.prior, look: "dash" });
+      legend.push({ label: `prior ${outer.percent} %`, colour: theme.prior, look: "dash", once: true });
     }
     if (middle !== undefined) {
       marks.push({ at: at(middle), label: "", colour: theme.prior, dash: [1, 3] });
@@ -153,7 +155,8 @@ export function parameterSpec(
         label: "prior median",
         colour: theme.prior,
         look: "dash",
-        value: significant(at(middle) * scale.factor),
+        value: `${significant(at(middle) * scale.factor)}${scale.units ? ` ${scale.units}` : ""}`,
+        fact: true,
       });
     }
   }
@@ -166,7 +169,7 @@ export function parameterSpec(
     factor: scale.factor,
     horizontal: marks,
     gaps: base.line.gaps,
-    legend: k > 0 ? legend.slice(1) : legend,
+    legend,
     brief: k > 0,
     height: 190,
   };
@@ -179,11 +182,17 @@ export function thresholdMarks(q: QuantityDescription, scale: ReturnType<typeof 
   return [{ at: q.threshold, label, colour: theme.threshold, dash: [8, 4], include: true }];
 }
 
+/** Of the size of its largest quantile; of its threshold, where all are 0. */
+export function forecastScale(q: QuantityDescription, forecast: Forecast | undefined): Scale {
+  const largest = Math.max(0, ...(forecast?.values ?? [1]).map(Math.abs));
+  return scaleFor(q.units ?? forecast?.units, largest || Math.abs(q.threshold ?? 0));
+}
+
 export function forecastSpec(base: Base, q: QuantityDescription): ChartSpec {
   const { theme } = base;
   const line = base.lines[base.lines.length - 1];
   const latest = line?.forecast[q.name];
-  const scale = scaleFor(q.units ?? latest?.units, Math.max(...(latest?.values ?? [1]).map(Math.abs), 0));
+  const scale = forecastScale(q, latest);
   const format = (v: number): string =>
     `${worthDigits(line, v * scale.factor, (latest?.std ?? NaN) * scale.factor, modelShift(line))} ${scale.units}`;
   const series = quantileSeries(
@@ -221,6 +230,7 @@ export function probabilitySpec(base: Base, q: QuantityDescription): ChartSpec {
     factor: 100,
     logarithmic: true,
     range: [100 * smallestShown, 130],
+    ticks: decade,
     series: [
       {
         label: "P(failure) = P(q > threshold)",
@@ -331,6 +341,8 @@ export function timingSpec(base: Base, budget: number | undefined): ChartSpec {
   const dashes = [[], [8, 3], [2, 3], [8, 3, 2, 3], [12, 4]];
   const names = [...phases, "total"];
   const rows = lines.map((line) => ({ time: line.time, line }));
+  const drawn = lines.flatMap((l) => names.map((name) => l.elapsed_us[name] ?? 0)).filter((us) => us > 0);
+  const isNarrow = Math.max(...drawn) < 100 * Math.min(...drawn);
   return {
     name: "timing",
     times: lines.map((l) => l.time),
@@ -338,6 +350,7 @@ export function timingSpec(base: Base, budget: number | undefined): ChartSpec {
     yLabel: "time per update [ms]",
     factor: 1e-3,
     logarithmic: true,
+    ticks: isNarrow ? halfDecade : decade,
     height: 380,
     series: names.map((name, k) => ({
       label: words(name),
@@ -358,6 +371,12 @@ export function timingSpec(base: Base, budget: number | undefined): ChartSpec {
 /** Without `/v1/model` the lines still say how many parameters and which forecasts there are. */
 export function parameterNames(model: Model | undefined, line: StepLine | undefined): string[] {
   return (line?.mean ?? model?.parameters ?? []).map((_, k) => model?.parameters[k]?.name ?? `p${k}`);
+}
+
+/** The first forecast that has not passed: what has never leads. */
+export function firstOpen(all: readonly QuantityDescription[], line: StepLine | undefined): number {
+  const open = all.findIndex((q) => q.horizon === undefined || !line || line.time <= q.horizon);
+  return Math.max(0, open);
 }
 
 export function quantitiesIn(model: Model | undefined, line: StepLine | undefined): QuantityDescription[] {

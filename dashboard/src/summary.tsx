@@ -1,9 +1,10 @@
 /** The posterior in numbers: parameters and forecasts of the step looked at. */
 import type { Theme } from "./colour";
-import { given, probability, scaleFor, significant } from "./format";
+import { given, probability, significant } from "./format";
 import { bandsOf } from "./history";
 import {
   actionWords,
+  forecastScale,
   modelShift,
   parameterNames,
   parameterScale,
@@ -12,7 +13,7 @@ import {
   worthClass,
   worthDigits,
 } from "./specs";
-import type { Model, StepLine } from "./types";
+import type { Model, QuantityDescription, StepLine } from "./types";
 
 interface Props {
   model: Model | undefined;
@@ -40,10 +41,10 @@ export function Summary({ model, line, theme }: Props) {
           <p class="interval">{line.decision.message}</p>
         </article>
       )}
-      {quantitiesIn(model, line).map((q) => {
+      {expiredLast(quantitiesIn(model, line), line).map((q) => {
         const f = line.forecast[q.name];
         if (!f) return null;
-        const scale = scaleFor(q.units ?? f.units, Math.max(...f.values.map(Math.abs)));
+        const scale = forecastScale(q, f);
         const { pairs, middle } = bandsOf(f.levels);
         const at = (i: number | undefined): string =>
           i === undefined
@@ -118,6 +119,12 @@ export function Summary({ model, line, theme }: Props) {
       })}
     </section>
   );
+}
+
+/** What has passed does not lead. */
+function expiredLast(all: readonly QuantityDescription[], line: StepLine): QuantityDescription[] {
+  const past = (q: QuantityDescription): number => (line.forecast[q.name]?.past ? 1 : 0);
+  return [...all].sort((a, b) => past(a) - past(b));
 }
 
 /** The posterior's interval inside the allowed range: how much the data have narrowed it. */

@@ -94,4 +94,12 @@ test("two tests in numbers: difference with its spread, in physical units", () =
   assert.equal(second!.overlap, "> 99.9 %");
   assert.deepEqual([third!.name, third!.units, third!.here], ["crack at t = 0.3", "mm", "20.0 ± 3.0"]);
   assert.equal(more.length, 0);
+  // Beside a result that is not to be used.
+  const verdict = { level: "reject" as const, reasons: [] };
+  const doubted = sides.map((side, k) => ({
+    ...side,
+    lines: k === 0 ? side.lines : side.lines.map((l) => ({ ...l, verdict })),
+  })) as unknown as typeof sides;
+  const [only] = comparedRows(doubted, model, []);
+  assert.deepEqual([only!.here, only!.other, only!.difference], ["30.0 ± 6.0", "42", "−12 (1.4 σ)"]);
 });

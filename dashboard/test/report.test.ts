@@ -1,7 +1,7 @@
 // Every figure of a report: axes with units, legends, and what is drawn equal to the record.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { legendOf, type ChartSpec } from "../src/chart";
+import { horizontalRange, labelSize, legendOf, wordsAtTop, type ChartSpec } from "../src/chart";
 import { theme } from "../src/colour";
 import { chartSvg } from "../src/report/chart_svg";
 import type { Content } from "../src/report/content";
@@ -333,6 +333,47 @@ test("densities are those of the step looked at, over the prior", () => {
   const crack = chart("forecast_density:crack");
   near(Math.max(...crack.series[crack.series.length - 1]!.values.map((v) => v ?? 0)), 0.1, 1e-6);
   assert.equal(crack.yLabel, "probability density [1/mm]");
+});
+
+test("on paper, too, earlier densities are drawn, and dots and bars at the ends are whole", () => {
+  const marginal = chart("marginal:0");
+  assert.ok(marginal.series.filter((x) => x.hidden).length > 3);
+  assert.equal(chartSvg(marginal, light).match(/class="line"/g)!.length, marginal.series.length);
+  for (const figure of ["residuals", "information"]) {
+    const spec = chart(figure);
+    const [first, end] = [spec.times[0]!, spec.times[spec.times.length - 1]!];
+    const [low, high] = horizontalRange(spec, first, end);
+    assert.ok(low < first && high > end, figure);
+    for (const [, x] of chartSvg(spec, light, 520).matchAll(/<circle cx="(\S+)"/g)) assert.ok(+x! > 68 && +x! < 506, x);
+  }
+  const plain = chart("monitor");
+  assert.deepEqual(horizontalRange(plain, 0.1, 0.9), [0.1, 0.9]);
+});
+
+test("words at axes and marks are not cut, and do not meet", () => {
+  assert.equal(labelSize("force [kN]", 180), 12);
+  assert.ok(labelSize("largest displacement by the mode [mm]", 180) < 10);
+  assert.equal(wordsAtTop([110], 10, 200), false);
+  assert.equal(wordsAtTop([190], 10, 200), true);
+  assert.equal(wordsAtTop([190, 20], 10, 200), false);
+});
+
+test("of an interval drawn as two lines the legend says both ends; a legend below another says less", () => {
+  const spec: ChartSpec = {
+    name: "two",
+    times: [0, 1],
+    series: [
+      { label: "published", values: [5, null], colour: "red", dash: [5, 3], edgeOf: 1 },
+      { label: "low", values: [3, null], colour: "red", bare: true },
+    ],
+    xLabel: "t",
+    yLabel: "q",
+    legend: [{ label: "prior 95 %", colour: "grey", look: "dash", once: true }],
+  };
+  const words = (one: ChartSpec, at: number) =>
+    legendOf(one, at, light).map((e) => `${e.label} ${e.value ?? ""}`.trim());
+  assert.deepEqual(words(spec, 0), ["published 3.00 … 5.00", "prior 95 %"]);
+  assert.deepEqual(words({ ...spec, brief: true }, 1), ["published"]);
 });
 
 test("densities far narrower than the axis are drawn: an answer that jumps between two wrong places", () => {

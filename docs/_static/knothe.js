@@ -1,4 +1,5 @@
 // In place of furo's script (conf.py): Debian's is a module, which no browser loads from a folder, and its style has no rule for "auto".
+document.documentElement.classList.remove("no-js"); // the theme's button is there
 const kept = (value) => {
   try {
     if (value) localStorage.setItem("theme", value);

@@ -183,8 +183,12 @@ void AssimilationOutput::finish(double elapsed_s, const std::string& results_fol
     fmt::print("{}\n", files::json_line(last));
     return;
   }
-  fmt::print("{} in {:.2f} s, untrusted: {}; results in {}\n", counted(shown_, "step"), elapsed_s,
-             untrusted_.empty() ? "none" : fmt::format("{}", fmt::join(untrusted_, ", ")), results_folder);
+  const std::string trust = untrusted_.empty() ? "computation trusted"
+                                               : fmt::format("computation not trusted at {} {}",
+                                                             untrusted_.size() == 1 ? "step" : "steps",
+                                                             fmt::join(untrusted_, ", "));
+  fmt::print("{} in {:.2f} s, {}; results in {}\n", counted(shown_, "step"), elapsed_s, trust,
+             results_folder);
   const assimilation::Verdict of_run = verdict();
   const bool is_ok = of_run.level == assimilation::VerdictLevel::ok;
   for (const assimilation::NamedForecast& forecast : forecasts_) {

@@ -133,11 +133,11 @@ InferenceRun run_inference(const project::Project& project, Method asked, const 
 std::string inference_text(const InferenceRun& run) {
   const InferenceResult& r = run.result;
   std::string text =
-      fmt::format("{:<16} {:>12} {:>12} {:>12} {:>12} {:>12} {:>9} {:>9}\n", assimilation::to_text(r.method),
+      fmt::format("{:<12} {:>12} {:>12} {:>13} {:>12} {:>12} {:>9} {:>9}\n", assimilation::to_text(r.method),
                   "mean", "std", "most probable", "2.5 %", "97.5 %", "skewness", "kurtosis");
   const Eigen::VectorXd std = r.standard_deviations();
   for (Eigen::Index k = 0; k < std.size(); ++k)
-    text += fmt::format("{:<16} {:>12.5g} {:>12.4g} {:>13.5g} {:>12.5g} {:>12.5g} {:>9.3f} {:>9.3f}\n",
+    text += fmt::format("{:<12} {:>12.5g} {:>12.4g} {:>13.5g} {:>12.5g} {:>12.5g} {:>9.3f} {:>9.3f}\n",
                         run.setup.parameters[k], r.mean[k], std[k], r.maximum_a_posteriori[k],
                         r.quantiles(k, 0), r.quantiles(k, 4), r.skewness[k], r.kurtosis[k]);
   double model_seconds = 0;

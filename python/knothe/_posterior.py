@@ -1,6 +1,7 @@
 """Posteriors, verdicts and forecasts: what the results of all functions have in common."""
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     import xarray
 
 _CHAINS = 4
-_ONE_SIGMA = "±: one standard deviation."
+_ONE_SIGMA = "±: one standard deviation, with the reduced model's error where it is known."
 
 
 @dataclass(frozen=True)
@@ -171,6 +172,10 @@ class Forecast(ByValue):
         Quantiles.
     points, density : ndarray
         The density of q, per unit of q; empty where it is not known.
+    verdict : str
+        Level of the verdict on the answer that it is of.
+    model_shift_std : float
+        How far the error of the reduced model may shift it, in its standard deviations.
 
     Examples
     --------
@@ -192,15 +197,19 @@ class Forecast(ByValue):
     points: Array
     density: Array
     at: str = ""
+    verdict: str = "ok"
+    model_shift_std: float = 0.0
 
     @classmethod
-    def of(cls, record: Mapping[str, Any]) -> "Forecast":
+    def of(cls, record: Mapping[str, Any], verdict: "Mapping[str, Any] | None" = None) -> "Forecast":
         """From an entry of ``forecast`` in a line of JSON.
 
         Parameters
         ----------
         record : mapping
             As of ``json.loads``.
+        verdict : mapping, optional
+            The entry ``verdict`` of that line.
 
         Returns
         -------
@@ -214,30 +223,38 @@ class Forecast(ByValue):
         density = record.get("density", {"points": [], "values": []})
         return cls(record["mean"], record["std"], record["maximum_a_posteriori"], record["probability_above_threshold"],
                    record["probability_below_threshold"], record["horizon"], record["threshold"], np.array(record["levels"]),
-                   np.array(record["values"]), record["units"], np.array(density["points"]), np.array(density["values"]), record.get("at", ""))
+                   np.array(record["values"]), record["units"], np.array(density["points"]), np.array(density["values"]), record.get("at", ""),
+                   (verdict or {}).get("level", "ok"), max([0.0, *((verdict or {}).get("model_shift_std") or [])]))
 
     @property
     def _horizon(self) -> str:
         return self.at or f"time {self.horizon:g}"
 
+    @property
+    def _spread(self) -> float:
+        return self.std * math.hypot(1, self.model_shift_std)
+
+    def _value(self) -> str:
+        return _notebook.quantity(self.mean, self._spread, self.units, self.verdict)
+
     def __repr__(self) -> str:
-        return (f"<Forecast at {self._horizon}: {_notebook.quantity(self.mean, self.std, self.units)}, "
-                f"P(above {_notebook.given(self.threshold, self.units)}): {_notebook.percent(self.probability_above_threshold)}>")
+        above = f"P(above {_notebook.given(self.threshold, self.units)}): {_notebook.percent(self.probability_above_threshold)}"
+        return (f"<Forecast at {self._horizon}: {_notebook.rejected(self.verdict)}{self._value()}"
+                f"{'' if self.verdict == 'reject' else ', ' + above}>")
 
     def _row(self, name: str) -> tuple[str, ...]:
-        factor, unit = _notebook.readable_units(max(abs(self.mean), self.std), self.units)
-        low, high = (_notebook.number(factor * value, factor * self.std) for value in (self.values[0], self.values[-1]))
-        return (name, self._horizon, _notebook.quantity(self.mean, self.std, self.units), f"{low} … {high} {unit}".rstrip(),
+        ends = _notebook.interval(self.values[0], self.values[-1], self._spread, self.units, self.verdict, max(abs(self.mean), self.std))
+        return (name, self._horizon, self._value(), ends,
                 f"P(> {_notebook.given(self.threshold, self.units)}) {_notebook.percent(self.probability_above_threshold)}")
 
     def _repr_html_(self) -> str:
-        return _forecast_table({"": self})
+        return (_notebook.verdict_line(self.verdict) if self.verdict == "reject" else "") + _forecast_table({"": self})
 
 
 def _forecast_table(forecasts: Mapping[str, Forecast]) -> str:
+    worst = max((forecast.verdict for forecast in forecasts.values()), key=["ok", "caution", "reject"].index)
     return _notebook.table("Forecast" if len(forecasts) == 1 else "Forecasts", ("", "at", "value", "95 %", "threshold"),
-                           [forecast._row(name) for name, forecast in forecasts.items()], _ONE_SIGMA)
-
+                           [forecast._row(name) for name, forecast in forecasts.items()], _ONE_SIGMA, worst, 2)
 
 
 class Posterior:
@@ -526,24 +543,34 @@ class Posterior:
                 "weighted_posterior": xarray.Dataset(weighted, {"parameter": self.parameters}),
                 "history": xarray.Dataset(numbers, {"step": [self.record.get("step", 0)]})}
 
-    def __repr__(self) -> str:
-        numbers = ", ".join(f"{name} = {_notebook.quantity(m, s)}{self._physical(name, ' ({})')}"
-                            for name, m, s in zip(self.parameters, self.mean, self.std))
-        return f"<{type(self).__name__}: {numbers}{'' if self.trusted else '; ' + untrusted(self.remark)}>"
+    def _worth(self) -> tuple[str, list[float]]:
+        """The verdict's level, and by what factor the reduced model's own error widens each standard deviation."""
+        verdict = self.record.get("verdict")
+        if not isinstance(verdict, Mapping):
+            return "ok", [1.0] * len(self.parameters)
+        shifts = verdict.get("model_shift_std") or [0.0] * len(self.parameters)
+        return verdict["level"], [math.hypot(1, shift) for shift in shifts]
 
-    def _physical(self, name: str, form: str = "{}") -> str:
+    def __repr__(self) -> str:
+        level, wider = self._worth()
+        numbers = ", ".join(f"{name} = {_notebook.quantity(m, by * s, level=level)}{self._physical(name, level, by, ' ({})')}"
+                            for name, m, s, by in zip(self.parameters, self.mean, self.std, wider))
+        return f"<{type(self).__name__}: {_notebook.rejected(level)}{numbers}{'' if self.trusted else '; ' + untrusted(self.remark)}>"
+
+    def _physical(self, name: str, level: str, wider: float, form: str = "{}") -> str:
         """The parameter's value in its unit, where that is known and is not the number itself."""
         known = self.record.get("physical", {}).get(name, {})
         units = known.get("units", "1")
-        return "" if units == "1" else form.format(_notebook.quantity(known["mean"], known["std"], units))
+        return "" if units == "1" else form.format(_notebook.quantity(known["mean"], wider * known["std"], units, level))
 
     def _repr_html_(self) -> str:
-        values = self.quantiles
-        rows = [(name, _notebook.quantity(m, s), f"{_notebook.number(q[0], s)} … {_notebook.number(q[-1], s)}", self._physical(name))
-                for name, m, s, q in zip(self.parameters, self.mean, self.std, values)]
-        shown = _notebook.table(type(self).__name__, ("parameter", "estimate", "95 %", "in its unit"), rows, _ONE_SIGMA)
+        level, wider = self._worth()
+        rows = [(name, _notebook.quantity(m, by * s, level=level), _notebook.interval(q[0], q[-1], by * s, level=level),
+                 self._physical(name, level, by))
+                for name, m, s, q, by in zip(self.parameters, self.mean, self.std, self.quantiles, wider)]
+        shown = _notebook.table(type(self).__name__, ("parameter", "estimate", "95 %", "in its unit"), rows, _ONE_SIGMA, level)
         verdict = self.record.get("verdict")
-        known = {name: Forecast.of(each) for name, each in self.record.get("forecast", {}).items()}
+        known = {name: Forecast.of(each, verdict if isinstance(verdict, Mapping) else None) for name, each in self.record.get("forecast", {}).items()}
         forecasts: Mapping[str, Forecast] = getattr(self, "forecast", known)
         if isinstance(verdict, Mapping):
             shown = Verdict.of(verdict)._repr_html_() + shown

@@ -198,7 +198,8 @@ class StepResult(OfNative, Posterior):
         >>> result.forecast["tip"].horizon
         1.0
         """
-        return {name: Forecast.of(record) for name, record in json.loads(self._native.forecasts_json()).items()}
+        verdict = self.record.get("verdict")
+        return {name: Forecast.of(record, verdict) for name, record in json.loads(self._native.forecasts_json()).items()}
 
 
 def _toml(value: Any) -> str:

@@ -233,7 +233,7 @@ def fan(steps: Steps, what: str, *, truth: float | None = None, axes: "Axes | No
     what : str
         Name of a parameter or of a forecast.
     truth : float, optional
-        Drawn as a line, in the unit of `what`.
+        Drawn as a line; of a forecast in SI units, which the axis writes as mm, µm or kN where that reads better.
     axes : Axes, optional
         A figure of its own by default.
 
@@ -253,6 +253,8 @@ def fan(steps: Steps, what: str, *, truth: float | None = None, axes: "Axes | No
     """
     parameters, records = _records(steps)
     values, units = _quantiles(records, parameters, what)
+    scale, units = readable_units(float(np.abs(values).max()), units)
+    values = scale * values
     time = [record["time"] for record in records]
     drawn = _figure(1, 1, 5.5, 3)[0][0] if axes is None else axes
     marker = "." if len(time) < 30 else None
@@ -260,9 +262,9 @@ def fan(steps: Steps, what: str, *, truth: float | None = None, axes: "Axes | No
     drawn.fill_between(time, values[:, 1], values[:, -2], color=_BLUE, alpha=0.35, linewidth=0, label="50 %")
     drawn.plot(time, values[:, values.shape[1] // 2], color=_BLUE, marker=marker, label="median")
     if truth is not None:
-        drawn.axhline(truth, color=_TRUTH, linewidth=1, label="truth")
+        drawn.axhline(scale * truth, color=_TRUTH, linewidth=1, label="truth")
     if what not in parameters:
-        _draw_limits(drawn, records[-1]["forecast"][what])
+        _draw_limits(drawn, records[-1]["forecast"][what], scale)
     drawn.set_xlabel("model time")
     drawn.set_ylabel(f"{what} [{units}]" if units else what)
     drawn.legend(frameon=False)

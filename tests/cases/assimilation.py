@@ -172,7 +172,7 @@ class Test(Case):
     def test_without_json_stdout_is_for_people(self):
         outcome = self.expect(0, "assimilate", self.project_name)
         self.assertIn("Y0", outcome.out)
-        self.assertRegex(outcome.out, r"12 steps in \d+\.\d+ s, untrusted: none; results in ")
+        self.assertRegex(outcome.out, r"12 steps in \d+\.\d+ s, computation trusted; results in ")
 
     def test_results_go_where_the_option_says(self):
         self.assimilate("-o", "elsewhere")

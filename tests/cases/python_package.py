@@ -497,6 +497,29 @@ class Test(CaseInItsFolder):
         self.assertEqual(repr(tip), "<Forecast at time 0.3: 28.10 ± 0.26 mm, P(above 40 mm): < 0.1 %>")
         self.assertEqual(repr(dataclasses.replace(tip, at="0.12 mm")), "<Forecast at 0.12 mm: 28.10 ± 0.26 mm, P(above 40 mm): < 0.1 %>")
         self.assertIn("27.60 … 28.60 mm", tip._repr_html_())
+        self.assertIn(": 28.10 ± 0.52 mm,", repr(dataclasses.replace(tip, model_shift_std=math.sqrt(3))), "with the reduced model's error")
+
+    def test_what_is_rejected_looks_like_it(self):
+        levels = np.array([0.025, 0.5, 0.975])
+        tip = knothe.Forecast(0.0281, 2.6e-4, 0.028, 0.0, 1.0, 0.3, 0.04, levels, np.array([0.0276, 0.0281, 0.0286]), "m", levels, levels,
+                              verdict="reject")
+        found = knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0)
+
+        def judged(level):
+            verdict = {"level": level, "reasons": [], "fit_probability": 0.0, "edge_mass": [], "model_shift_std": []}
+            record = {**found.record, "verdict": verdict, "physical": {"a": {"mean": 314.2, "std": 9.0, "units": "J/m3"}}}
+            return knothe.Posterior(record, found.parameters, found.points, found.weights, found.densities)
+
+        self.assertEqual(repr(tip), "<Forecast at time 0.3: do not use: 28 mm>")
+        self.assertRegex(repr(judged("reject")), r"^<Posterior: do not use: a = 0\.\d\d \(310 J/m³\)>$")
+        for each in tip, judged("reject"):
+            html = each._repr_html_()
+            self.assertIn("Result: do not use", html)
+            self.assertIn("line-through", html)
+            self.assertNotRegex(html, r"\d ± \d")
+        self.assertIn("314.2 ± 9.0 J/m³", judged("caution")._repr_html_())
+        self.assertIn("color:#6b7280", judged("caution")._repr_html_())
+        self.assertNotIn("color:#6b7280", judged("ok")._repr_html_())
 
     def test_a_picture_with_a_hole_is_refused(self):
         pixels = speckle(0, 0)

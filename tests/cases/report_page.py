@@ -1,16 +1,18 @@
-"""Reports of an assimilation, an inference, two methods compared, a selection, pictures and the study of the paper, opened in headless Chromium. Skipped like
+"""Reports of an assimilation, one that is rejected, an inference, two methods compared, a selection, pictures and the study of the paper, opened in headless Chromium. Skipped like
 dashboard.py.
 
 Of the model and data that knothe 0.1.0 wrote (made_by_0.1.0/): no full-order run is made.
 """
 import math
+import os
 import shutil
+import subprocess
 import sys
 import unittest
 
 from dashboard import exit_status, run_part
 from dic_pictures import Speckle, write_pgm
-from support import REPOSITORY, SOURCE, Case
+from support import REPOSITORY, SOURCE, Case, read_csv, write_csv
 
 sys.path.insert(0, str(REPOSITORY / "studies" / "reproduction"))
 import record  # noqa: E402
@@ -50,9 +52,23 @@ class Test(Case):
         super().setUp()
         shutil.copytree(SOURCE / "made_by_0.1.0", self.folder, dirs_exist_ok=True)
 
+    def reject(self):
+        """The same test with an axis turned, wrong.toml."""
+        subprocess.run([os.environ["KNOTHE_DATA_TO_CSV"], "data.h5", "wrong.csv"], cwd=self.folder, check=True)
+        rows = read_csv(self.folder / "wrong.csv")
+        for row in rows:
+            if row["component"] == "y":
+                row["value"] = repr(-float(row["value"]))
+        write_csv(self.folder / "wrong.csv", rows)
+        project = (self.folder / "project.toml").read_text()
+        (self.folder / "wrong.toml").write_text(project.replace('data = "data.h5"', 'data = "wrong.csv"'))
+        self.expect(8, "assimilate", "wrong.toml", "-o", "wrong")
+        self.expect(0, "report", "wrong", "-o", "rejected.html")
+
     def test_pages_in_chromium(self):
         self.expect(0, "assimilate", "project.toml")
         self.expect(0, "report", "results", "-o", "assimilation.html")
+        self.reject()
         self.expect(0, "infer", "project.toml", "-o", "one")
         self.expect(0, "report", "one", "-o", "inference.html")
         self.expect(0, "infer", "project.toml", "--compare", "transport,grid", "-o", "two")
@@ -64,7 +80,7 @@ class Test(Case):
         self.expect(0, "dic", "reference.pgm", "a.pgm", "b.pgm", "--element-size", 15, "--roi", "12,12,147,107", "--maps", "maps")
         small_study(self.folder / "study")
         self.expect(0, "report", "study", "-o", "study.html")
-        pages = ("assimilation", "inference", "comparison", "selection", "maps/index", "study")
+        pages = ("assimilation", "rejected", "inference", "comparison", "selection", "maps/index", "study")
         run_part(self, "reports", KNOTHE_REPORTS=":".join(str(self.folder / f"{page}.html") for page in pages))
 
     def test_a_report_is_a_page(self):

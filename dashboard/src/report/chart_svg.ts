@@ -1,5 +1,15 @@
 /** A plot as a drawing that stays sharp on paper: what `Chart` draws, from the same description. Pure. */
-import { legendOf, verticalRange, type ChartSpec, type LegendEntry, type Mark, type Series } from "../chart";
+import {
+  horizontalRange,
+  labelSize,
+  legendOf,
+  verticalRange,
+  wordsAtTop,
+  type ChartSpec,
+  type LegendEntry,
+  type Mark,
+  type Series,
+} from "../chart";
 import type { Theme } from "../colour";
 import { given } from "../format";
 import { ticks } from "../pair";
@@ -129,7 +139,8 @@ function seriesSvg(frame: Frame, spec: ChartSpec, s: Series): string {
       fill: s.colour,
       "fill-opacity": s.opacity ?? 0.25,
     });
-  if (s.hidden) return "";
+  // Edges of a band are the band's; other lines without words of their own are faint.
+  if (s.hidden && spec.series.some((other) => spec.series[other.bandTo ?? -1] === s)) return "";
   if (s.bars) {
     const wide = Math.max(1, (0.8 * frame.width) / Math.max(1, spec.times.length));
     const foot = frame.y(Math.max(0, frame.low));
@@ -166,17 +177,20 @@ function seriesSvg(frame: Frame, spec: ChartSpec, s: Series): string {
     fill: "none",
     stroke: s.colour,
     "stroke-width": s.width ?? 2,
-    "stroke-dasharray": s.dash?.join(" "),
+    "stroke-opacity": s.hidden ? 0.35 : undefined,
+    "stroke-dasharray": s.dash?.length ? s.dash.join(" ") : undefined,
   });
   return line + dots;
 }
 
 function marksSvg(frame: Frame, spec: ChartSpec, theme: Theme): string {
   const right = frame.left + frame.width;
+  const level = (m: Mark): number => frame.y(m.at * (spec.factor ?? 1));
+  const atTop = wordsAtTop((spec.horizontal ?? []).map(level), frame.top, frame.top + frame.height);
   const line = (d: string, m: Mark): string =>
     tag("path", { class: "mark", d, stroke: m.colour, "stroke-width": 1.2, "stroke-dasharray": m.dash?.join(" ") });
   const across = (spec.horizontal ?? []).map((m) => {
-    const y = frame.y(m.at * (spec.factor ?? 1));
+    const y = level(m);
     if (y < frame.top || y > frame.top + frame.height) return "";
     return (
       line(`M${frame.left} ${y.toFixed(1)}H${right}`, m) +
@@ -190,7 +204,7 @@ function marksSvg(frame: Frame, spec: ChartSpec, theme: Theme): string {
     const x = frame.x(m.at);
     if (x < frame.left || x > right) return "";
     const flip = x + letter * m.label.length > right;
-    const words = text(x + (flip ? -5 : 5), frame.top + frame.height - 7, m.label, m.colour, {
+    const words = text(x + (flip ? -5 : 5), atTop ? frame.top + 13 : frame.top + frame.height - 7, m.label, m.colour, {
       "text-anchor": flip ? "end" : "start",
       "font-weight": 600,
     });
@@ -216,7 +230,7 @@ function axesSvg(frame: Frame, spec: ChartSpec, theme: Theme, times: readonly nu
   const decades = powers.filter(within);
   const rows = spec.logarithmic
     ? decades.length > 2
-      ? decades.filter((_, k) => k % Math.ceil(decades.length / 6) === 0)
+      ? decades.filter((_, k) => k % Math.ceil(decades.length / Math.max(2, Math.floor(frame.height / 18))) === 0)
       : powers.flatMap((v) => [v, 2 * v, 5 * v]).filter(within)
     : ticks({ low: frame.low, high: frame.high }, 5);
   const columns = last > first ? ticks({ low: first, high: last }, frame.width / 70) : [first];
@@ -236,7 +250,10 @@ function axesSvg(frame: Frame, spec: ChartSpec, theme: Theme, times: readonly nu
     tag(
       "g",
       { transform: `translate(14 ${(frame.top + frame.height / 2).toFixed(0)}) rotate(-90)` },
-      text(0, 0, spec.yLabel, theme.faint, { "text-anchor": "middle" }),
+      text(0, 0, spec.yLabel, theme.faint, {
+        "text-anchor": "middle",
+        "font-size": labelSize(spec.yLabel, frame.height + 10),
+      }),
     ),
   ].join("");
 }
@@ -255,8 +272,8 @@ export function chartSvg(spec: ChartSpec, theme: Theme, width = 520): string {
     drawn.reduce((a, b) => Math.max(a, b), -Infinity),
   );
   const times = spec.times.length ? spec.times : [0];
-  const first = times[0]!;
-  const span = times[times.length - 1]! - first || 1;
+  const [first, last] = horizontalRange(spec, times[0]!, times[times.length - 1]!);
+  const span = last - first;
   const scale = spec.logarithmic ? Math.log10 : (v: number) => v;
   const inside = Math.max(40, high - 50);
   const frame: Frame = {

@@ -1,7 +1,7 @@
 /** From the record to plots that the live page does not have. Pure. */
 import type { ChartSpec, Series } from "../chart";
 import type { Theme } from "../colour";
-import { axisLabel, given, scaleFor, significant } from "../format";
+import { axisLabel, decade, scaleFor, significant } from "../format";
 import { timeline } from "../history";
 import { banded, signalSpec } from "../signal";
 import { timeLabel } from "../specs";
@@ -14,7 +14,11 @@ export function measuredSpec(record: Assimilation, m: Measured, theme: Theme): C
   const scale = scaleFor(m.units, size);
   const scaled = (v: readonly (number | null)[]): (number | null)[] =>
     v.map((x) => (x === null ? null : x * scale.factor));
-  const format = (v: number): string => `${significant(v, 4)}${scale.units ? ` ${scale.units}` : ""}`;
+  const unit = scale.units ? ` ${scale.units}` : "";
+  const format = (v: number): string => `${significant(v, 4)}${unit}`;
+  const isRejected = record.lines[record.lines.length - 1]?.verdict?.level === "reject";
+  const predicted = (v: number): string =>
+    isRejected ? `${significant(Number(v.toPrecision(2)), 2)}${unit}` : format(v);
   return {
     name: `measured ${m.label}`,
     times: m.time,
@@ -25,9 +29,9 @@ export function measuredSpec(record: Assimilation, m: Measured, theme: Theme): C
         scaled(m.high),
         scaled(m.mean),
         ["95 % of the prediction", "predicted"],
-        format,
+        predicted,
       ),
-      { label: "measured", values: scaled(m.measured), colour: theme.orange, dots: true, format },
+      { label: "measured", values: scaled(m.measured), colour: theme.orange, dots: true, format, fact: true },
     ],
     xLabel: timeLabel,
     // Where a sensor is stands below the figure.
@@ -231,19 +235,6 @@ export function noiseSpec(record: Assimilation, theme: Theme): ChartSpec | undef
     yLabel: axisLabel("RMS", scale.units),
     height: 210,
   };
-}
-
-/** Powers of ten alone: what is between them has no room. */
-export function decade(value: number): string {
-  const power = Math.log10(value);
-  if (Math.abs(power - Math.round(power)) > 1e-6) return "";
-  return Math.abs(power) < 2.5 ? given(value) : significant(value, 1).replace("1·", "");
-}
-
-/** On an axis of less than two decades 2 and 5 have room too. */
-export function halfDecade(value: number): string {
-  const mantissa = Number(value.toExponential(3).split("e")[0]);
-  return [1, 2, 5].includes(mantissa) ? given(Number(value.toPrecision(3))) : "";
 }
 
 export function diagnosticSpec(record: Assimilation, theme: Theme): ChartSpec | undefined {

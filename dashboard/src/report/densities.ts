@@ -1,8 +1,7 @@
 /** Densities: successive ones of one number, and several side by side. Pure. */
 import type { ChartSpec, Series } from "../chart";
 import { colourAt, type Theme } from "../colour";
-import { axisLabel, scaleFor, significant } from "../format";
-import { decade } from "./curves";
+import { axisLabel, decade, scaleFor, significant } from "../format";
 import { quantityWords } from "../specs";
 import type { QuantityDescription } from "../types";
 import { parameterMeaning, pretty, type Assimilation, type Density } from "./record";

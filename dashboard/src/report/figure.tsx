@@ -5,7 +5,7 @@ import type { Theme } from "../colour";
 import { csv, type Cell } from "../csv";
 import { drawPairs } from "../pair_panel";
 import { blobOf, save, saveText } from "../png";
-import { chartSvg } from "./chart_svg";
+import { chartSvg, svg, text } from "./chart_svg";
 import type { Content, Pairs } from "./content";
 import { meshReadout, meshSvg, meshView, type MeshSpec } from "./mesh_svg";
 import type { Probe } from "./record";
@@ -26,6 +26,17 @@ function stacked(drawings: readonly string[]): string {
     return placed;
   });
   return `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${drawnWidth} ${top}">${inner.join("")}</svg>`;
+}
+
+/** What is taken away from a page whose result is not simply usable says so. */
+function marked(drawing: string, words: string, theme: Theme): string {
+  if (!words) return drawing;
+  const [, width, height] = /viewBox="0 0 (\S+) (\S+)"/.exec(drawing)!;
+  const top = 24;
+  const all = Number(height) + top;
+  const inner = drawing.replace("<svg ", `<svg y="${top}" width="${width}" height="${height}" `);
+  const title = text(8, 16, words, theme.red, { "font-weight": 700, "font-size": 13 });
+  return svg(Number(width), all, theme, words, title + inner);
 }
 
 /** The clip paths of one document need names of their own. */
@@ -93,6 +104,8 @@ interface Props {
   paper: Theme;
   /** Name of a file, title of a drawing. */
   name: string;
+  /** The result, where it is not simply usable: saved figures say so. */
+  worth: string;
   /** Time of the step that is looked at. */
   selected: number | undefined;
   onSelect: (time: number) => void;
@@ -100,29 +113,34 @@ interface Props {
   onProbe: (probe: Probe) => void;
 }
 
-export function Figure({ content, theme, paper, name, selected, onSelect, onProbe }: Props) {
+export function Figure({ content, theme, paper, name, worth, selected, onSelect, onProbe }: Props) {
   if (!content) return <p class="none">Nothing to draw here.</p>;
+  const file = worth ? `${name} (${worth.replace(/^Result: /, "")})` : name;
   return (
     <>
       <span class="controls">
         <button
           type="button"
           aria-label={`${name}: save as SVG`}
-          onClick={() => save(new Blob([contentSvg(content, paper)], { type: "image/svg+xml" }), `${name}.svg`)}
+          onClick={() =>
+            save(new Blob([marked(contentSvg(content, paper), worth, paper)], { type: "image/svg+xml" }), `${file}.svg`)
+          }
         >
           SVG
         </button>
         <button
           type="button"
           aria-label={`${name}: save as PNG`}
-          onClick={() => void pngOf(contentSvg(content, theme)).then((blob) => save(blob, `${name}.png`))}
+          onClick={() =>
+            void pngOf(marked(contentSvg(content, theme), worth, theme)).then((blob) => save(blob, `${file}.png`))
+          }
         >
           PNG
         </button>
         <button
           type="button"
           aria-label={`${name}: save as CSV`}
-          onClick={() => saveText(contentTable(content), `${name}.csv`)}
+          onClick={() => saveText(contentTable(content), `${file}.csv`)}
         >
           CSV
         </button>

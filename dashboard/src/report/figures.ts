@@ -131,7 +131,7 @@ function withPublished(spec: ChartSpec, r: Assimilation, name: string, theme: Th
     ...spec,
     series: [
       ...spec.series,
-      { ...look, label, values: edge(-1) },
+      { ...look, label, values: edge(-1), edgeOf: spec.series.length + 1 },
       { ...look, label: `${label}, low`, values: edge(0), bare: true },
     ],
   };

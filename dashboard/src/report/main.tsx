@@ -34,6 +34,7 @@ interface Place {
   seen: boolean;
 }
 
+const worth = document.querySelector(":is(.result.caution, .result.reject) .word")?.textContent?.trim() ?? "";
 let look: Look = { dark: false, chosen: last, probe: undefined };
 let choose: (index: number) => void = () => {};
 let probed: (probe: Probe) => void = () => {};
@@ -56,6 +57,7 @@ function draw(place: Place): void {
       theme={theme}
       paper={themeOf(false)}
       name={place.name}
+      worth={worth}
       selected={frames[look.chosen]?.time}
       onSelect={(time) => {
         let best = 0;

@@ -3,7 +3,8 @@ import type { LegendEntry } from "../chart";
 import type { Theme } from "../colour";
 import type { StepLine } from "../types";
 import { charts, mostPairs, pairWords, type Content } from "./content";
-import { decade, halfDecade, joined } from "./curves";
+import { decade, halfDecade } from "../format";
+import { joined } from "./curves";
 import { besideSpec } from "./densities";
 import type { Comparison, Inference, InferenceContent, Plain, Selection } from "./record";
 /** An inference as a line of the live page, for its pairs. */

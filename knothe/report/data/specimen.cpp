@@ -57,10 +57,13 @@ Json crack_records(const model::SeparatedModel& model, const FaceDofs& face) {
   const auto& crack = model.contents().crack;
   if (crack.empty()) return records;
   const std::size_t n = model.dof_count(), modes = crack.modes.size() / n;
+  std::size_t last = crack.length.size();
   for (const double wanted : {0.0, 0.025, 0.05, 0.075}) {
     std::size_t best = 0;
     for (std::size_t i = 0; i < crack.length.size(); ++i)
       if (std::abs(crack.length[i] - wanted) < std::abs(crack.length[best] - wanted)) best = i;
+    if (best == last) continue;  // there is none nearer to this length
+    last = best;
     std::vector<double> field(n, 0.0);
     for (std::size_t k = 0; k < modes; ++k)
       for (std::size_t j = 0; j < n; ++j)

@@ -261,8 +261,7 @@ std::string head_of(const imaging::PictureSeries& series, const imaging::Picture
 std::vector<std::string> foot_of(const imaging::PictureResult& r,
                                  const std::optional<imaging::PictureFrame>& frame) {
   std::vector<std::string> lines{
-      "red frames: elements without a measurement. colours span 1 to 99 % of the values. drawn on the "
-      "reference"};
+      "red frames: not measured. colours: 1 to 99 % of values. drawn on the reference"};
   if (!r.crack || !r.crack->found) return lines;
   const auto& crack = *r.crack;
   const double unit = frame ? 1e3 * frame->scale() : 1;

@@ -134,9 +134,10 @@ void add_result(Page& page, const std::vector<MappedPicture>& pictures, Index el
                           : doubts.empty() ? Usability::usable
                                            : Usability::with_caveats;
   doubts.push_back(fmt::format(
-      "{} of {} measured; noise of a displacement at most {} px; at most {} of {} elements without a "
-      "measurement.",
-      measured, counted(pictures.size(), "picture"), record::readable(noise, 2), most_out, elements));
+      "{} of {} measured; noise of a displacement at most {} px; {}.", measured,
+      counted(pictures.size(), "picture"), record::readable(noise, 2),
+      most_out == 0 ? fmt::format("all {} elements measured", elements)
+                    : fmt::format("at most {} of {} elements without a measurement", most_out, elements)));
   page.result(worth, doubts);
 }
 
