@@ -138,7 +138,7 @@ class Test(ServiceCase):
 
     @needs_aravis
     def test_frames_become_the_lines_of_assimilate(self):
-        self.frames_become_the_lines_of_assimilate(12, f'serial = "KN1"\nframe_rate = 10\nexposure = 0.004\ngain = 2\n')
+        self.frames_become_the_lines_of_assimilate(12, f'serial = "KN1"\nframe_rate = {FRAME_RATE}\nexposure = 0.004\ngain = 2\n')
 
     @needs_aravis
     def test_another_test_begins_with_frame_0_in_a_folder_of_its_own(self):

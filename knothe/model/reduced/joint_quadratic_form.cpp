@@ -199,8 +199,7 @@ Index JointQuadraticForm::multiply_out(const std::array<SplineAxis::Place, D>& p
   constexpr std::size_t outer_count = std::size_t{1} << (2 * (D - 1));
   constexpr Index rows = k_rows<D>;
   std::array<std::array<Lanes, k_powers>, rows> total{};
-  std::array<std::array<Lanes, 4>, outer_count>
-      s;  // of each power of the outer variables, those of the inner
+  std::array<std::array<Lanes, 4>, outer_count> s;  // [powers of the outer variables][of the last one]
   std::array<const SplineAxis::Piece*, D> piece;
   std::array<int, D> active;
   const double* start = table_.data();
