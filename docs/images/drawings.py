@@ -56,9 +56,9 @@ def specimen():
     parts.append(path(f"M{a} {y}H{b}M{a} {y - 5}v10M{b} {y - 5}v10", GREY, 1))
     parts.append(text(middle, y + 17, "800 mm between the supports", GREY, size=12))
     parts.append(path(f"M{right + 12} {top}V{foot}M{right + 7} {top}h10M{right + 7} {foot}h10", GREY, 1))
-    parts.append(text(right + 16, 0.5 * (top + foot) + 4, "100", GREY, "start", 12))
+    parts.append(text(right + 16, 0.5 * (top + foot) + 4, "100 mm", GREY, "start", 12))
     parts.append(text(right - 8, top + 20, "unknown: Y0, Ad", ORANGE, "end", weight=600))
-    return document(760, 225, "Notched beam in three-point bending, with its sensors", parts)
+    return document(775, 225, "Notched beam in three-point bending, with its sensors", parts)
 
 
 def workflow():
