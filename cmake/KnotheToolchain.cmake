@@ -25,7 +25,8 @@ if(NOT DEFINED CACHE{KNOTHE_CCACHE})
   set(KNOTHE_CCACHE "${found_ccache}" CACHE FILEPATH "ccache, through which the compiler is called; empty: without")
 endif()
 if(KNOTHE_CCACHE AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
-  # Paths below the source folder are hashed as relative: another clone of the same commit compiles nothing anew. What a unit includes
+  # Paths below the source folder are hashed as relative: another clone of the same commit compiles nothing anew, but for sources in groups
+  # (KnotheUnity.cmake), which are named by their whole paths. What a unit includes
   # is read from the compiler's list (DEPEND): without it every unit is preprocessed first, only to be found missing.
   set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env CCACHE_BASEDIR=${PROJECT_SOURCE_DIR} CCACHE_NOHASHDIR=1 CCACHE_DEPEND=1
                                   ${KNOTHE_CCACHE})

@@ -28,10 +28,8 @@ void require_possible(const project::Project& project, Method method, bool overr
   throw project.error_at("method.kind", text);
 }
 
-report::Usability worth_of(const record::InferenceRun& run) {
-  const nlohmann::json content =
-      record::inference_record(run.result, run.setup.axes, record::samples_path(run.folder));
-  return report::judgement(content).usability;
+nlohmann::ordered_json record_of(const record::InferenceRun& run) {
+  return record::inference_record(run.result, run.setup.axes, record::samples_path(run.folder));
 }
 
 /// Numbers that are not simply usable are grey.
@@ -39,16 +37,16 @@ record::InferenceRun run(const project::Project& project, Method method, const s
                          const files::CommandOutput& output) {
   record::InferenceRun run = record::run_inference(project, method, folder);
   const std::string text = for_people(record::inference_text(run), stdout, 2);
-  const bool usable = worth_of(run) == report::Usability::usable;
-  output.line(record::inference_record(run.result, run.setup.axes, record::samples_path(folder)),
-              usable ? text : coloured(text, Colour::grey, stdout));
+  const nlohmann::ordered_json content = record_of(run);
+  const bool usable = report::judgement(content).usability == report::Usability::usable;
+  output.line(content, usable ? text : coloured(text, Colour::grey, stdout));
   return run;
 }
 
 /// As the first line of the report.
 std::string result_line(const record::InferenceRun& run) {
   using report::Usability;
-  const Usability worth = worth_of(run);
+  const Usability worth = report::judgement(record_of(run)).usability;
   const Colour colour = worth == Usability::usable         ? Colour::green
                         : worth == Usability::with_caveats ? Colour::yellow
                                                            : Colour::red;

@@ -375,7 +375,7 @@ export function parameterNames(model: Model | undefined, line: StepLine | undefi
 
 /** The first forecast that has not passed: what has never leads. */
 export function firstOpen(all: readonly QuantityDescription[], line: StepLine | undefined): number {
-  const open = all.findIndex((q) => q.horizon === undefined || !line || line.time <= q.horizon);
+  const open = all.findIndex((q) => !line?.forecast[q.name]?.past);
   return Math.max(0, open);
 }
 

@@ -4,8 +4,8 @@ import { csv, sensorsTable, stepsTable } from "../src/csv";
 import { clock, duration, given, microseconds, probability, scaleFor, significant, withSpread } from "../src/format";
 import { banner, bannerWords, derived, structure } from "../src/state";
 import { eventsOf, grouped, merged, stateEvent } from "../src/events";
-import { modelShift, stepAndClock, worthClass, worthDigits } from "../src/specs";
-import type { Event } from "../src/types";
+import { firstOpen, modelShift, stepAndClock, worthClass, worthDigits } from "../src/specs";
+import type { Event, StepLine } from "../src/types";
 import { unbroken } from "../src/unbroken";
 import { stepLine, withProbability } from "./support";
 
@@ -311,4 +311,14 @@ test("alarms of one kind and source are one group, and those that wait for an an
       [4, [4], []],
     ],
   );
+});
+
+test("a forecast whose horizon has passed does not lead", () => {
+  const forecast = (past: boolean) => ({ past }) as StepLine["forecast"][string];
+  const at = (a: boolean, b: boolean) => ({ forecast: { a: forecast(a), b: forecast(b) } }) as unknown as StepLine;
+  const all = [{ name: "a" }, { name: "b" }];
+  assert.equal(firstOpen(all, at(true, false)), 1);
+  assert.equal(firstOpen(all, at(false, false)), 0);
+  assert.equal(firstOpen(all, at(true, true)), 0);
+  assert.equal(firstOpen(all, undefined), 0);
 });

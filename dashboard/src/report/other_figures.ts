@@ -1,12 +1,13 @@
 /** Figures of the reports that are not of an assimilation. Pure. */
 import type { LegendEntry } from "../chart";
 import type { Theme } from "../colour";
+import { decade, halfDecade } from "../format";
 import type { StepLine } from "../types";
 import { charts, mostPairs, pairWords, type Content } from "./content";
-import { decade, halfDecade } from "../format";
 import { joined } from "./curves";
 import { besideSpec } from "./densities";
 import type { Comparison, Inference, InferenceContent, Plain, Selection } from "./record";
+
 /** An inference as a line of the live page, for its pairs. */
 function lineOf(c: InferenceContent): StepLine {
   return {

@@ -1,9 +1,8 @@
 /** The published study's figures: plots, densities and maps, which its record holds as they are. Pure. */
 import type { ChartSpec, Series } from "../chart";
 import type { Theme } from "../colour";
-import { axisLabel, scaleFor } from "../format";
+import { axisLabel, decade, halfDecade, scaleFor } from "../format";
 import { charts, type Content } from "./content";
-import { decade, halfDecade } from "../format";
 import { joined } from "./curves";
 import { densitySpec, support } from "./densities";
 import type { Study, StudyChart, StudyColour, StudyCurve, StudyDensities, StudyMap } from "./record";
