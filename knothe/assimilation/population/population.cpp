@@ -232,7 +232,7 @@ double probability_by_others(std::size_t i, const Members& members, const std::v
   Eigen::VectorXd log_weights(all.weights.size());
   for (std::size_t h = 0; h < populations.size(); ++h)
     log_weights[h] = std::log(all.weights[h]) - members[i]->log_integral(populations[h]);
-  const Eigen::VectorXd weights = (log_weights.array() - log_sum(log_weights)).exp();
+  const Eigen::VectorXd weights = (log_weights.array() - numerics::log_sum(log_weights)).exp();
   if (all.weights.squaredNorm() >= k_enough * weights.squaredNorm())
     return probability_of(*members[i], populations, weights);
   Members others = members;

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/posterior/prior/joint_prior.hpp"
 
 namespace knothe::assimilation {
@@ -47,11 +48,6 @@ struct Product {
 };
 
 }  // namespace
-
-double log_sum(const Eigen::Ref<const Eigen::VectorXd>& values) {
-  const double largest = values.maxCoeff();
-  return std::isfinite(largest) ? largest + std::log((values.array() - largest).exp().sum()) : largest;
-}
 
 SpecimenLikelihood::Part SpecimenLikelihood::divided(const Eigen::VectorXd& mean,
                                                      const Eigen::MatrixXd& covariance,
@@ -100,7 +96,7 @@ double SpecimenLikelihood::log_integral(const PopulationNormal& population) cons
     const Product product(parts_[k].linear, parts_[k].precision, population);
     masses[k] = product.log_mass(parts_[k].log_factor, parts_[k].linear, population.mean);
   }
-  return log_sum(masses);
+  return numerics::log_sum(masses);
 }
 
 std::vector<SpecimenLikelihood::Conditional> SpecimenLikelihood::given(

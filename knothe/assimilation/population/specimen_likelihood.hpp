@@ -68,7 +68,4 @@ class SpecimenLikelihood {
   SmallMatrix matched_precision_;  ///< Λ
 };
 
-/// log Σ exp(values).
-[[nodiscard]] double log_sum(const Eigen::Ref<const Eigen::VectorXd>& values);
-
 }  // namespace knothe::assimilation

@@ -189,8 +189,7 @@ bool PosteriorSolver::by_quadrature(posterior::Posterior& r, UpdateTimes& times)
   const bool three = transform_->dimension() == 3;
   options.max_nodes = three ? k_max_nodes_of_three : k_max_quadrature_nodes;
   const posterior::QuadraturePosterior quadrature =
-      three ? posterior::filled_quadrature(target_, options, search_)
-            : posterior::tensor_quadrature(target_, options, search_);
+      three ? quadrature_of_parts(options) : posterior::tensor_quadrature(target_, options, search_);
   times.map = microseconds_since(start);
   if (!quadrature.resolved()) return false;
   set_from(quadrature, r);
@@ -202,6 +201,29 @@ bool PosteriorSolver::by_quadrature(posterior::Posterior& r, UpdateTimes& times)
   if (three) posterior::thin(r.points, r.weights, k_max_particles, solver_.options().seed);
   times.map = microseconds_since(start);
   return true;
+}
+
+/// Parts of a mixture each on a lattice of its own; as they are once one is not resolved.
+posterior::QuadraturePosterior PosteriorSolver::quadrature_of_parts(
+    const posterior::QuadratureOptions& options) {
+  std::vector<posterior::QuadraturePosterior> parts;
+  for (std::size_t k = 0; k < target_.component_count(); ++k) {
+    if (!target_.is_felt(k)) continue;
+    target_.single_out(k);
+    parts.push_back(posterior::filled_quadrature(target_, options, search_));
+    target_.single_out({});
+    if (!parts.back().resolved()) return std::move(parts.back());
+  }
+  if (parts.size() == 1) return std::move(parts.front());
+  posterior::QuadraturePosterior all = posterior::joined(parts);
+  const Eigen::Index count = target_.component_count();
+  shares_ = Eigen::VectorXd::Zero(count);
+  for (const posterior::QuadraturePosterior& part : parts) {
+    target_.set_grid(part.lattice.axes);
+    *shares_ += std::exp(part.log_evidence - all.log_evidence) *
+                target_.component_shares(part.lattice.runs, part.lattice.weights);
+  }
+  return all;
 }
 
 void PosteriorSolver::by_particles(posterior::Posterior& r, UpdateTimes& times) {

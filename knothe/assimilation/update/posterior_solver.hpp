@@ -60,6 +60,8 @@ class PosteriorSolver {
 
  private:
   [[nodiscard]] bool by_quadrature(posterior::Posterior& posterior, UpdateTimes& times);
+  [[nodiscard]] posterior::QuadraturePosterior quadrature_of_parts(
+      const posterior::QuadratureOptions& options);
   void by_particles(posterior::Posterior& posterior, UpdateTimes& times);
   static void set_few_points(const posterior::QuadraturePosterior& quadrature,
                              posterior::Posterior& posterior);

@@ -177,6 +177,38 @@ INSTANTIATE_TEST_SUITE_P(OneToThreeParameters, Quadrature,
                                            ByQuadrature{2, posterior::Method::automatic, 1e-3, 5e-3},
                                            ByQuadrature{3, posterior::Method::automatic, 1e-3, 5e-2}));
 
+TEST(QuadratureOfAMixture, PartByPartIsThatOfTheWhole) {
+  // Four sizes of a discrepancy make a mixture of narrow and wide posteriors of three parameters.
+  const Eigen::Index n = 6;
+  const double std = 0.5;  // with less no grid resolves the whole mixture
+  const auto model = likelihood::test::random_model(std::make_shared<SmoothFunctions>(3), n, 4, 4, 21);
+  Eigen::MatrixXd data = likelihood::test::synthetic_data(*model, Eigen::Vector3d(1.3, 1.05, 0.8),
+                                                          Eigen::VectorXd::Constant(n, std), 17);
+  data.row(2).array() += 1;  // what the model cannot say
+  UpdateOptions options;
+  options.bias_correction = likelihood::BiasCorrectionMode::on;
+  options.bias.way = likelihood::BiasOptions::Way::joint;
+  const auto noise = likelihood::NoiseModel::independent(Eigen::VectorXd::Constant(n, std));
+  const std::vector<posterior::Prior> priors(3, posterior::Prior::normal(1, std::sqrt(0.1)));
+  SequentialUpdate by_parts(model, noise, priors, options);
+  options.kind = posterior::Method::grid;
+  SequentialUpdate whole(model, noise, priors, options);
+  for (std::size_t t = 0; t < 2; ++t) {
+    SCOPED_TRACE(t);
+    const UpdateResult& r = by_parts.update(t, t, data.col(static_cast<Eigen::Index>(t)));
+    const UpdateResult& exact = whole.update(t, t, data.col(static_cast<Eigen::Index>(t)));
+    EXPECT_EQ(r.method, posterior::Method::grid);
+    EXPECT_TRUE(r.by_quadrature) << r.remark;
+    EXPECT_TRUE(exact.trusted) << exact.remark;
+    EXPECT_NEAR(r.log_evidence, exact.log_evidence, 2e-3);
+    const Eigen::VectorXd s = exact.standard_deviations();
+    EXPECT_LT((r.mean - exact.mean).cwiseQuotient(s).cwiseAbs().maxCoeff(), 3e-3);
+    EXPECT_LT((r.standard_deviations().cwiseQuotient(s).array() - 1).abs().maxCoeff(), 3e-3);
+    for (Eigen::Index k = 0; k < 3; ++k)
+      EXPECT_LT(((r.quantiles - exact.quantiles).row(k) / s[k]).cwiseAbs().maxCoeff(), 0.02) << k;
+  }
+}
+
 TEST(GridUpdate, QuantilesOfAStandardNormalPriorAreRightToAThousandth) {
   const Eigen::Index d = 3;
   const auto model =

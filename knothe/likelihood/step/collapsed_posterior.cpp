@@ -54,6 +54,7 @@ void CollapsedLogDensity::set_mixture(std::span<const StepForm* const> forms,
     components_.back().likelihood = functions_->make_quadratic_form();
   }
   count_ = forms.size();
+  alone_.reset();
   for (std::size_t k = 0; k < count_; ++k) {
     set_component(components_[k], *forms[k], log_weights[k]);
     components_[k].contributes = shares.empty() || shares[k] > 1e-3;
@@ -100,7 +101,7 @@ void CollapsedLogDensity::evaluate_mixture(const Eigen::Ref<const Eigen::MatrixX
   std::size_t k = first_felt();
   components_[k].likelihood->evaluate(p, derivatives, out.value, out.gradient, out.hessian);
   for (++k; k < count_; ++k) {
-    if (!components_[k].contributes) continue;
+    if (!is_felt(k)) continue;
     components_[k].likelihood->evaluate(p, derivatives, next.value, next.gradient, next.hessian);
     const Eigen::ArrayXd difference = next.value.array() - out.value.array();
     const Eigen::ArrayXd less = (-difference.abs()).exp();  // the smaller over the larger
@@ -126,7 +127,7 @@ void CollapsedLogDensity::evaluate_mixture(const Eigen::Ref<const Eigen::MatrixX
 
 std::size_t CollapsedLogDensity::first_felt() const {
   std::size_t k = 0;
-  while (k + 1 < count_ && !components_[k].contributes) ++k;
+  while (k + 1 < count_ && !is_felt(k)) ++k;
   return k;
 }
 
@@ -176,7 +177,7 @@ void CollapsedLogDensity::evaluate_runs(std::span<const numerics::GridRun> runs,
   std::size_t k = first_felt();
   evaluate_component(components_[k], runs, value);
   for (++k; k < count_; ++k) {
-    if (!components_[k].contributes) continue;
+    if (!is_felt(k)) continue;
     next_values_.resize(value.size());
     evaluate_component(components_[k], runs, next_values_);
     add_in_logarithms(value.array(), next_values_.array());

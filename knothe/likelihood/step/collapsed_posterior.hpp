@@ -45,6 +45,14 @@ class CollapsedLogDensity final : public posterior::LogDensity, public numerics:
   void set_mixture(std::span<const StepForm* const> forms, std::span<const double> log_weights,
                    std::span<const double> shares = {});
 
+  /// From now on, until other data are set, the density is that of one part of the mixture with its weight;
+  /// that of all again with nothing.
+  void single_out(std::optional<std::size_t> part) { alone_ = part; }
+  /// Whether a part is evaluated.
+  [[nodiscard]] bool is_felt(std::size_t part) const {
+    return alone_ ? *alone_ == part : components_[part].contributes;
+  }
+
   /// Of a mixture: how probable each of its parts is, at weighted points p of the posterior (n × d and n, sum
   /// 1).
   [[nodiscard]] Eigen::VectorXd component_shares(const Eigen::Ref<const Eigen::MatrixXd>& p,
@@ -101,6 +109,7 @@ class CollapsedLogDensity final : public posterior::LogDensity, public numerics:
   Eigen::VectorXd magnitude_;  ///< bounds of |w − w₀|
   std::vector<Component> components_;
   std::size_t count_ = 1;  ///< components in use, the first ones
+  std::optional<std::size_t> alone_;
   std::optional<NoiseLevel> noise_level_;
   Eigen::MatrixXd axes_;                          ///< of the grid, p
   Eigen::ArrayXXd prior_;                         ///< −log N(z; 0, 1) there

@@ -111,6 +111,11 @@ Moments moments_of(const Eigen::Ref<const Eigen::MatrixXd>& points,
   return m;
 }
 
+double log_sum(const Eigen::Ref<const Eigen::VectorXd>& values) {
+  const double largest = values.maxCoeff();
+  return std::isfinite(largest) ? largest + std::log((values.array() - largest).exp().sum()) : largest;
+}
+
 double effective_share(const Eigen::Ref<const Eigen::VectorXd>& log_weight) {
   const Eigen::ArrayXd weight = (log_weight.array() - log_weight.maxCoeff()).exp();
   return weight.sum() * weight.sum() / (weight.size() * weight.square().sum());
@@ -212,18 +217,21 @@ void weighted_quantiles(const Eigen::MatrixXd& points, const Eigen::VectorXd& we
   }
 }
 
-void lattice_quantiles(std::span<const double> nodes, std::span<const double> weights, double width,
-                       std::span<const double> levels, std::span<double> quantiles) {
-  if (nodes.empty() || nodes.size() != weights.size() || levels.size() != quantiles.size())
-    throw UsageError(fmt::format("lattice quantiles: {} nodes, {} weights, {} levels, room for {} quantiles",
-                                 nodes.size(), weights.size(), levels.size(), quantiles.size()));
+void lattice_quantiles(std::span<const double> nodes, std::span<const double> weights,
+                       std::span<const double> widths, std::span<const double> levels,
+                       std::span<double> quantiles) {
+  if (nodes.empty() || nodes.size() != weights.size() || nodes.size() != widths.size() ||
+      levels.size() != quantiles.size())
+    throw UsageError(
+        fmt::format("lattice quantiles: {} nodes, {} weights, {} widths, {} levels, room for {} quantiles",
+                    nodes.size(), weights.size(), widths.size(), levels.size(), quantiles.size()));
   struct Node {
-    double at, weight, before;  // before: weight of the nodes below
+    double at, weight, width, before;  // before: weight of the nodes below
   };
   std::vector<Node> sorted;
   sorted.reserve(nodes.size());
   for (Index i = 0; i < std::ssize(nodes); ++i)
-    if (weights[i] > 0) sorted.push_back({nodes[i], weights[i], 0});
+    if (weights[i] > 0) sorted.push_back({nodes[i], weights[i], widths[i], 0});
   if (sorted.empty()) throw UsageError("lattice quantiles: no weight is positive");
   const auto below = [](const Node& a, const Node& b) { return a.at < b.at; };
   if (!std::is_sorted(sorted.begin(), sorted.end(), below)) std::sort(sorted.begin(), sorted.end(), below);
@@ -233,18 +241,20 @@ void lattice_quantiles(std::span<const double> nodes, std::span<const double> we
     total += node.weight;
   }
   // Nodes that rounding has nearly made one are spread over what it leaves.
-  width = std::max(width, 4 * std::numeric_limits<double>::epsilon() *
-                                  std::max(std::abs(sorted.front().at), std::abs(sorted.back().at)) +
-                              std::numeric_limits<double>::min());
+  double width = 4 * std::numeric_limits<double>::epsilon() *
+                     std::max(std::abs(sorted.front().at), std::abs(sorted.back().at)) +
+                 std::numeric_limits<double>::min();
+  for (Node& node : sorted) node.width = std::max(node.width, width);
+  for (const Node& node : sorted) width = std::max(width, node.width);
   static const SpreadMass spread_mass;
   const double reach = SpreadMass::k_reach * width;
   const auto below_and_density = [&](double x) {
-    auto it = std::lower_bound(sorted.begin(), sorted.end(), Node{x - reach, 0, 0}, below);
+    auto it = std::lower_bound(sorted.begin(), sorted.end(), Node{x - reach, 0, 0, 0}, below);
     double sum = it == sorted.end() ? total : it->before, density = 0;
     for (; it != sorted.end() && it->at <= x + reach; ++it) {
-      const auto [share, slope] = spread_mass((x - it->at) / width);
+      const auto [share, slope] = spread_mass((x - it->at) / it->width);
       sum += it->weight * share;
-      density += it->weight * slope / width;
+      density += it->weight * slope / it->width;
     }
     return std::pair(sum, density);
   };

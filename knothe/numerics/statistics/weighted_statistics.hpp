@@ -33,6 +33,9 @@ struct Moments {
 [[nodiscard]] Moments moments_of(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                  const Eigen::Ref<const Eigen::VectorXd>& weights);
 
+/// log Σ exp(values), at least one; −∞ for nothing but −∞.
+[[nodiscard]] double log_sum(const Eigen::Ref<const Eigen::VectorXd>& values);
+
 /// Effective sample size (Σw)²/Σw² of weights exp(log_weight), as a fraction of their number.
 [[nodiscard]] double effective_share(const Eigen::Ref<const Eigen::VectorXd>& log_weight);
 
@@ -69,12 +72,13 @@ void weighted_quantiles(const Eigen::MatrixXd& points, const Eigen::VectorXd& we
                         WeightedQuantiles& workspace, Eigen::MatrixXd& quantiles);
 
 /// Quantiles of a smooth density of which the nodes of a lattice are given, with weights (≥ 0, any positive
-/// sum) proportional to the density there. Each node is spread by K(x/width)/width, whose moments from the
-/// second to the fourteenth vanish, so that nothing is widened: its transform is Q(8, s) = e⁻ˢ Σ_{j<8} sʲ/j!,
-/// s = (width ω)²/2. A width of 1.3 spacings makes it 1e-7 at ω = 2π/spacing, where the lattice would be
-/// seen. Errors: as of `WeightedQuantiles`.
-void lattice_quantiles(std::span<const double> nodes, std::span<const double> weights, double width,
-                       std::span<const double> levels, std::span<double> quantiles);
+/// sum) proportional to the density there. Each node is spread by K(x/width)/width with its own width, whose
+/// moments from the second to the fourteenth vanish, so that nothing is widened: its transform is Q(8, s) =
+/// e⁻ˢ Σ_{j<8} sʲ/j!, s = (width ω)²/2. A width of 1.3 spacings makes it 1e-7 at ω = 2π/spacing, where the
+/// lattice would be seen. Errors: as of `WeightedQuantiles`.
+void lattice_quantiles(std::span<const double> nodes, std::span<const double> weights,
+                       std::span<const double> widths, std::span<const double> levels,
+                       std::span<double> quantiles);
 
 /// `count` draws that weigh the same, by index, from weighted points (weights ≥ 0, any positive sum): those
 /// at the cumulative weights (k + ½)/count, the points taken in the order of `reversed_bits`, because every

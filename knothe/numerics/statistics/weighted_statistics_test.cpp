@@ -110,19 +110,22 @@ TEST(LatticeQuantiles, OfANormalDensityFromFewNodes) {
       nodes.push_back(5 - 2 * x);  // in any order
       weights.push_back(3 * normal_pdf(x));
     }
-    lattice_quantiles(nodes, weights, 1.3 * 2 * h, levels, found);
+    lattice_quantiles(nodes, weights, std::vector(nodes.size(), 1.3 * 2 * h), levels, found);
     for (std::size_t i = 0; i < levels.size(); ++i)
       EXPECT_NEAR((found[i] - 5) / 2, normal_quantile(levels[i]), 1e-5) << h;
   }
   std::vector<double> one(1);
-  lattice_quantiles(std::vector<double>{7}, std::vector<double>{2}, 0.1, std::vector<double>{0.5}, one);
+  lattice_quantiles(std::vector<double>{7}, std::vector<double>{2}, std::vector{0.1},
+                    std::vector<double>{0.5}, one);
   EXPECT_NEAR(one[0], 7, 1e-9);
   for (const double width : {0.0, 1e-300, 1e-17}) {  // nothing of it is left beside the node
-    lattice_quantiles(std::vector<double>{7}, std::vector<double>{2}, width, std::vector<double>{0.975}, one);
+    lattice_quantiles(std::vector<double>{7}, std::vector<double>{2}, std::vector{width},
+                      std::vector<double>{0.975}, one);
     EXPECT_NEAR(one[0], 7, 1e-12) << width;
   }
-  EXPECT_THROW(lattice_quantiles(std::vector<double>{7}, std::vector<double>{0}, 0.1, levels, one),
-               UsageError);
+  EXPECT_THROW(
+      lattice_quantiles(std::vector<double>{7}, std::vector<double>{0}, std::vector{0.1}, levels, one),
+      UsageError);
 }
 
 }  // namespace

@@ -5,6 +5,8 @@
 #include <limits>
 #include <numbers>
 
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
+
 namespace knothe::posterior {
 
 PolarScan::PolarScan(CheckedDensity& target, const Eigen::VectorXd& centre, const Eigen::MatrixXd& lower,
@@ -49,8 +51,7 @@ PolarScan::PolarScan(CheckedDensity& target, const Eigen::VectorXd& centre, cons
 }
 
 double PolarScan::log_evidence() const {
-  const double top = log_mass_.maxCoeff();
-  return top + std::log((log_mass_.array() - top).exp().sum());
+  return numerics::log_sum(log_mass_);
 }
 
 std::vector<Eigen::Index> PolarScan::local_maxima() const {

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <span>
 
 #include "knothe/base/error.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
@@ -384,6 +385,26 @@ void set_points(QuadraturePosterior& posterior, const Grid& grid, std::vector<Gr
   weights = std::move(of_points);
 }
 
+/// Quantiles of z of several lattices, the k-th of them with `shares[k]` of the mass: 3 × levels.
+Eigen::MatrixXd quantiles(std::span<const QuadraturePosterior> lattices, std::span<const double> shares) {
+  std::array<LineNodes, 3> lines;
+  for (std::size_t i = 0; i < lattices.size(); ++i) {
+    const QuadraturePosterior::Lattice& lattice = lattices[i].lattice;
+    const Index count = lattice.axes.rows();
+    Marginals all(count, 3);
+    for (const GridRun& run : lattice.runs)
+      all.add(run, lattice.weights, run.begin, 1, std::array{run.row / count, run.row % count});
+    for (std::size_t k = 0; k < 3; ++k) {
+      const double* line = lattice.axes.col(k).data();
+      const std::size_t n = count;
+      lines[k].add({line, n}, {all.mass.col(k).data(), n}, line[1] - line[0], shares[i]);
+    }
+  }
+  Eigen::MatrixXd result(3, std::ssize(numerics::k_quantile_levels));
+  for (std::size_t k = 0; k < 3; ++k) result.row(k) = lines[k].quantiles();
+  return result;
+}
+
 }  // namespace
 
 QuadraturePosterior filled_quadrature(LogDensity& target, const QuadratureOptions& options,
@@ -418,12 +439,38 @@ QuadraturePosterior filled_quadrature(LogDensity& target, const QuadratureOption
       continue;
     }
     set_points(result, grid, std::move(fill.runs()));
-    result.quantiles.resize(3, std::ssize(numerics::k_quantile_levels));
-    const Eigen::MatrixXd axes = grid.axes();
-    for (Index k = 0; k < 3; ++k) result.quantiles.row(k) = all.quantiles(k, axes.col(k));
+    result.quantiles = quantiles({&result, 1}, std::array{1.0});
     break;
   }
   result.evaluations = density.evaluations();
+  return result;
+}
+
+QuadraturePosterior joined(std::span<const QuadraturePosterior> parts) {
+  QuadraturePosterior result;
+  const Index n = std::ssize(parts);
+  Eigen::VectorXd log_evidences(n);
+  for (Index i = 0; i < n; ++i) log_evidences[i] = parts[i].log_evidence;
+  result.log_evidence = numerics::log_sum(log_evidences);
+  const Eigen::VectorXd shares = (log_evidences.array() - result.log_evidence).exp();
+  Index points = 0;
+  for (const QuadraturePosterior& part : parts) points += part.weights.size();
+  result.turned_points.resize(points, 3);
+  result.weights.resize(points);
+  for (Index i = 0, at = 0; i < n; ++i) {
+    const QuadraturePosterior& part = parts[i];
+    const Index count = part.weights.size();
+    result.turned_points.middleRows(at, count) = part.points();
+    result.weights.segment(at, count) = shares[i] * part.weights;
+    at += count;
+    result.evidence_change = std::max(result.evidence_change, part.evidence_change);
+    result.moment_change = std::max(result.moment_change, part.moment_change);
+    result.line_change = std::max(result.line_change, part.line_change);
+    result.mass_at_border = std::max(result.mass_at_border, part.mass_at_border);
+    result.per_axis = std::max(result.per_axis, part.per_axis);
+    result.evaluations += part.evaluations;
+  }
+  result.quantiles = quantiles(parts, {shares.data(), parts.size()});
   return result;
 }
 

@@ -17,4 +17,9 @@ namespace knothe::posterior {
 [[nodiscard]] QuadraturePosterior filled_quadrature(LogDensity& target, const QuadratureOptions& options,
                                                     ModeSearch& search);
 
+/// The sum of densities, each integrated by `filled_quadrature` on a lattice of its own: a mixture of narrow
+/// and wide parts needs no grid as fine as the narrowest and as large as the widest. Points, weights,
+/// quantiles and evidence of all; the errors are the largest of the parts'. There is no lattice.
+[[nodiscard]] QuadraturePosterior joined(std::span<const QuadraturePosterior> parts);
+
 }  // namespace knothe::posterior

@@ -42,16 +42,17 @@ double Marginals::change_from(const Marginals& coarser, Index k) const {
   return std::max(std::abs(coarse_mean - mean) / deviation, std::abs(coarse_deviation / deviation - 1));
 }
 
-Eigen::RowVectorXd Marginals::quantiles(Index k, const Eigen::Ref<const Eigen::VectorXd>& line) const {
-  const std::size_t n = line.size();
-  return quantiles_of_nodes({line.data(), n}, {mass.col(k).data(), n}, line[1] - line[0]);
+void LineNodes::add(std::span<const double> at, std::span<const double> weight, double spacing,
+                    double factor) {
+  constexpr double k_spread = 1.3;  ///< of a node, in spacings
+  nodes.insert(nodes.end(), at.begin(), at.end());
+  for (const double w : weight) weights.push_back(factor * w);
+  widths.resize(nodes.size(), k_spread * spacing);
 }
 
-Eigen::RowVectorXd quantiles_of_nodes(std::span<const double> nodes, std::span<const double> weights,
-                                      double spacing) {
-  constexpr double k_spread = 1.3;  ///< of a node, in spacings
+Eigen::RowVectorXd LineNodes::quantiles() const {
   Eigen::RowVectorXd result(std::ssize(k_quantile_levels));
-  numerics::lattice_quantiles(nodes, weights, k_spread * spacing, k_quantile_levels,
+  numerics::lattice_quantiles(nodes, weights, widths, k_quantile_levels,
                               {result.data(), k_quantile_levels.size()});
   return result;
 }

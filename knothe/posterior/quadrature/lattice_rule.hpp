@@ -49,13 +49,16 @@ struct Marginals {
   /// The larger change, from `coarser` to these, of mean and standard deviation along axis k, in standard
   /// deviations.
   [[nodiscard]] double change_from(const Marginals& coarser, Eigen::Index k) const;
-  /// Quantiles (`numerics::k_quantile_levels`) of axis k, whose nodes are `line`.
-  [[nodiscard]] Eigen::RowVectorXd quantiles(Eigen::Index k,
-                                             const Eigen::Ref<const Eigen::VectorXd>& line) const;
 };
 
-/// Marginal quantiles (`numerics::k_quantile_levels`) of weighted nodes that lie `spacing` apart on average.
-[[nodiscard]] Eigen::RowVectorXd quantiles_of_nodes(std::span<const double> nodes,
-                                                    std::span<const double> weights, double spacing);
+/// Weighted nodes along one axis, of one lattice or of several: a marginal.
+struct LineNodes {
+  std::vector<double> nodes, weights, widths;
+
+  /// Nodes that lie `spacing` apart on average, their weights times `factor`.
+  void add(std::span<const double> at, std::span<const double> weight, double spacing, double factor = 1);
+  /// At `numerics::k_quantile_levels`.
+  [[nodiscard]] Eigen::RowVectorXd quantiles() const;
+};
 
 }  // namespace knothe::posterior

@@ -363,13 +363,15 @@ Eigen::MatrixXd quantiles(const QuadraturePosterior& posterior, const Frame& fra
   const Eigen::MatrixXd lines = grid.axes();
   const std::size_t n = posterior.weights.size();
   for (Index k = 0; k < d; ++k) {
+    LineNodes line;
     if (frame.axes.size() == 0) {
-      result.row(k) = all.quantiles(k, lines.col(k));
+      const std::size_t count = lines.rows();
+      line.add({lines.col(k).data(), count}, {all.mass.col(k).data(), count}, lines(1, k) - lines(0, k));
     } else {
       const double spacing = 0.5 * posterior.cell.row(k).norm();
-      result.row(k) = quantiles_of_nodes({posterior.turned_points.col(k).data(), n},
-                                         {posterior.weights.data(), n}, spacing);
+      line.add({posterior.turned_points.col(k).data(), n}, {posterior.weights.data(), n}, spacing);
     }
+    result.row(k) = line.quantiles();
   }
   return result;
 }

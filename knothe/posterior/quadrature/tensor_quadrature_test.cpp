@@ -3,10 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <array>
 #include <cmath>
 #include <numbers>
 
 #include "knothe/numerics/statistics/normal_distribution.hpp"
+#include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/posterior/quadrature/filled_quadrature.hpp"
 
 namespace knothe::posterior {
@@ -102,6 +104,33 @@ TEST(FilledQuadrature, ARidgeAndASmallModeAwayFromIt) {
   EXPECT_LT((mean - exact).norm(), 1e-4);
   EXPECT_LT((found - covariance).cwiseAbs().maxCoeff(), 1e-3);
   EXPECT_LT(q.evaluations, 200'000);
+}
+
+TEST(FilledQuadrature, JoinedPartsAreTheirSum) {
+  // The wide part is two hundred times as wide as the narrow one, which holds a third of the mass.
+  const Eigen::Vector3d at(0.5, -1, 2), beside(0.4, -1.1, 2.1);
+  Mixture narrow({{0.1, at, 2.5e-5 * Eigen::Matrix3d::Identity()}});
+  Mixture wide({{0.2, beside, Eigen::Matrix3d::Identity()}});
+  ModeSearch search;
+  const std::array parts{filled_quadrature(narrow, {}, search), filled_quadrature(wide, {}, search)};
+  const QuadraturePosterior q = joined(parts);
+  EXPECT_TRUE(q.resolved());
+  EXPECT_NEAR(q.log_evidence, std::log(0.3), 1e-4);
+  EXPECT_NEAR(q.weights.sum(), 1, 1e-12);
+  EXPECT_LT(q.weights.size(), 20'000);
+  const Eigen::Vector3d mean = q.points().transpose() * q.weights, exact = at / 3 + 2 * beside / 3;
+  EXPECT_LT((mean - exact).norm(), 1e-4);
+  const Eigen::MatrixXd e = q.points().rowwise() - mean.transpose();
+  const Eigen::Matrix3d covariance = (2.5e-5 / 3 + 2.0 / 3) * Eigen::Matrix3d::Identity() +
+                                     2.0 / 9 * (at - beside) * (at - beside).transpose();
+  EXPECT_LT((e.transpose() * q.weights.asDiagonal() * e - covariance).cwiseAbs().maxCoeff(), 1e-3);
+  for (Eigen::Index k = 0; k < 3; ++k)
+    for (std::size_t j = 0; j < numerics::k_quantile_levels.size(); ++j) {
+      const double x = q.quantiles(k, static_cast<Eigen::Index>(j));
+      const double below =
+          numerics::normal_cdf((x - at[k]) / 5e-3) / 3 + 2 * numerics::normal_cdf(x - beside[k]) / 3;
+      EXPECT_NEAR(below, numerics::k_quantile_levels[j], 4e-3) << k;  // nodes a standard deviation apart
+    }
 }
 
 /// What data say that are 10⁹ standard deviations from anything that the model can give.
