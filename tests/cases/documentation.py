@@ -54,12 +54,12 @@ def was_printed(line, output):
     for piece in re.split(rf"(…|{NUMBER} (?:µs|ms|s)\b|{NUMBER}|\s+)", line.strip()):
         if re.fullmatch(NUMBER, piece):
             said.append(float(piece.replace("−", "-")))
-            pattern += f"({NUMBER})"
+            pattern += rf"(?<!\d)({NUMBER})(?!\d)"
         elif piece.isspace():
             pattern += r"\s+"
         else:
-            pattern += ".*" if piece == "…" else rf"{NUMBER} (?:µs|ms|s)\b" if re.fullmatch(rf"{NUMBER} \w+", piece) else re.escape(piece)
-    pattern = re.sub(r"(?:\\s\+)?\.\*(?:\\s\+)?", r"\\s*.*", pattern)
+            pattern += ".*?" if piece == "…" else rf"{NUMBER} (?:µs|ms|s)\b" if re.fullmatch(rf"{NUMBER} \w+", piece) else re.escape(piece)
+    pattern = pattern.replace(r"\s+.*?\s+", ".*?").replace(r"\s+.*?", ".*?")
     for found in re.finditer(rf"(?m)^[ \t]*{pattern}", output):
         printed = [float(number.replace("−", "-")) for number in found.groups()]
         if all(abs(a - b) <= 0.1 * abs(a) for a, b in zip(said, printed, strict=True)):
