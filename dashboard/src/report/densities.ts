@@ -180,12 +180,43 @@ export function forecastDensitySpec(
       };
 }
 
-/** Densities side by side: prior and posterior, or two methods. */
+/** The length of the axis on which a density is above half of its peak: 2.4 std of a normal one, of several modes their sum. */
+function widthOf(points: readonly number[], values: readonly number[]): number {
+  const half = 0.5 * values.reduce((a, b) => Math.max(a, b), 0);
+  return values.reduce((sum, v, i) => {
+    const [before, after] = [points[Math.max(0, i - 1)]!, points[Math.min(points.length - 1, i + 1)]!];
+    return v > half ? sum + 0.5 * (after - before) : sum;
+  }, 0);
+}
+
+/**
+ * The density of draws without the waves of single draws: averaged with a normal kernel, a tenth as wide as the density at half of
+ * its peak (a quarter of a normal one's std, which widens it by 3 %). At a bound nothing leaks out.
+ */
+export function smoothed(density: Density): Density {
+  const { points } = density;
+  const values = density.density ?? density.values ?? [];
+  const width = 0.1 * widthOf(points, values);
+  if (!(width > 0)) return density;
+  const average = points.map((x) => {
+    let [sum, weights] = [0, 0];
+    points.forEach((y, i) => {
+      const weight = Math.exp(-0.5 * ((y - x) / width) ** 2);
+      sum += weight * values[i]!;
+      weights += weight;
+    });
+    return sum / weights;
+  });
+  return { points, density: average };
+}
+
+/** Densities side by side: prior and posterior, or two methods; `units` where they are known. */
 export function besideSpec(
   name: string,
   xLabel: string,
   densities: readonly { label: string; density: Density; dash?: number[]; colour: string }[],
   marks: ChartSpec["vertical"] = [],
+  units?: string,
 ): ChartSpec {
   const [low, high] = support(densities.map((d) => d.density));
   const grid = gridOf(
@@ -204,8 +235,8 @@ export function besideSpec(
         ...(d.dash ? { dash: d.dash } : {}),
       }),
     ),
-    xLabel: axisLabel(xLabel, "–"),
-    yLabel: "probability density [–]",
+    xLabel: axisLabel(xLabel, units === undefined ? "unit of the project file" : units || "–"),
+    yLabel: axisLabel("probability density", units === "" ? "–" : `1/${units ?? "unit"}`),
     vertical: marks,
     height: 230,
     sync: "",

@@ -5,8 +5,14 @@ import { decade, halfDecade } from "../format";
 import type { StepLine } from "../types";
 import { charts, mostPairs, pairWords, type Content } from "./content";
 import { joined } from "./curves";
-import { besideSpec } from "./densities";
-import type { Comparison, Inference, InferenceContent, Plain, Selection } from "./record";
+import { besideSpec, smoothed } from "./densities";
+import type { Comparison, Density, Inference, InferenceContent, Plain, Selection } from "./record";
+
+/** Methods whose densities are those of draws. */
+const isDrawn = (c: InferenceContent): boolean => c.method === "smc" || c.method === "mcmc";
+
+const posteriorOf = (c: InferenceContent, k: number): Density =>
+  isDrawn(c) ? smoothed(c.figures.posterior[k]!) : c.figures.posterior[k]!;
 
 /** An inference as a line of the live page, for its pairs. */
 function lineOf(c: InferenceContent): StepLine {
@@ -84,9 +90,10 @@ export function inference(r: Inference, name: string, of: string, theme: Theme):
           [
             ...one(f.prior?.[k], "prior", theme.prior, [6, 4]),
             ...one(f.map?.[k], "map, not corrected", theme.orange, [4, 3]),
-            ...one(f.posterior[k], "posterior", theme.blue),
+            ...one(posteriorOf(c, k), isDrawn(c) ? "posterior, draws smoothed" : "posterior", theme.blue),
           ],
           [{ at: c.maximum_a_posteriori[k]!, label: "most probable", colour: theme.red, dash: [2, 3] }],
+          c.units?.[k],
         ),
       );
     case "pairs": {
@@ -110,10 +117,16 @@ export function inference(r: Inference, name: string, of: string, theme: Theme):
     }
     case "pull_back":
       return charts(
-        besideSpec(`pulled back ${k}`, `x${k + 1}`, [
-          ...one(f.reference?.[k], "standard normal", theme.text, [5, 4]),
-          ...one(f.pull_back?.[k], "posterior, pulled back", theme.blue),
-        ]),
+        besideSpec(
+          `pulled back ${k}`,
+          `x${k + 1}`,
+          [
+            ...one(f.reference?.[k], "standard normal", theme.text, [5, 4]),
+            ...one(f.pull_back?.[k], "posterior, pulled back", theme.blue),
+          ],
+          [],
+          "",
+        ),
       );
     case "orders":
       return orders(c, of, theme);
@@ -127,8 +140,8 @@ export function comparison(r: Comparison, name: string, of: string, theme: Theme
   const [a, b] = r.contents;
   return charts(
     besideSpec(`marginal ${a.parameters[k]}`, a.parameters[k] ?? "", [
-      { label: a.method, density: a.figures.posterior[k]!, colour: theme.blue },
-      { label: b.method, density: b.figures.posterior[k]!, colour: theme.orange, dash: [7, 4] },
+      { label: a.method, density: posteriorOf(a, k), colour: theme.blue },
+      { label: b.method, density: posteriorOf(b, k), colour: theme.orange, dash: [7, 4] },
     ]),
   );
 }

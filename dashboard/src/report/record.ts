@@ -116,6 +116,8 @@ export interface Assimilation {
 export interface InferenceContent {
   method: string;
   parameters: string[];
+  /** Of the parameters, in their order; "" is dimensionless. */
+  units?: string[];
   mean: number[];
   covariance: number[][];
   maximum_a_posteriori: number[];
