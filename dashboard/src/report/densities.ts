@@ -23,8 +23,10 @@ export function timeColour(fraction: number, theme: Theme): string {
 export function at(density: Density, x: number): number {
   const { points } = density;
   const values = density.density ?? density.values ?? [];
-  const k = points.findIndex((p) => p >= x);
-  if (k < 0 || x < points[0]!) return 0;
+  // The last point of a grid over the same axis may be beyond it by rounding.
+  const rounding = 1e-9 * (points[points.length - 1]! - points[0]!);
+  const k = points.findIndex((p) => p >= x - rounding);
+  if (k < 0 || x < points[0]! - rounding) return 0;
   if (k === 0) return values[0]!;
   const along = (x - points[k - 1]!) / (points[k]! - points[k - 1]! || 1);
   return values[k - 1]! + along * (values[k]! - values[k - 1]!);
