@@ -578,6 +578,27 @@ test("a table is in the units of the axes", () => {
   assert.ok(first!.startsWith("0,0,0,0"));
 });
 
+test("an inference is drawn in the units that its model states", () => {
+  const content = {
+    ...inference.content,
+    physical: { a: { mean: 2e9, std: 4e8, units: "Pa" }, b: { mean: 2, std: 0.1 } },
+  };
+  const spec = chart("marginal:0", { ...inference, content } as never);
+  assert.equal(spec.xLabel, "a [GPa]");
+  assert.equal(spec.yLabel, "probability density [1/GPa]");
+  near(spec.vertical![0]!.at, 2, 1e-12);
+  near(Math.max(...spec.times), 8, 1e-9);
+  const drawn = contentOf({ ...inference, content } as never, "pairs", light, 0, undefined)!;
+  assert.ok("pairs" in drawn);
+  assert.deepEqual(drawn.pairs.units, ["GPa", ""]);
+  near(drawn.pairs.points[1]![0]!, 2.2, 1e-12);
+  assert.equal(
+    chart("marginal:1", { ...inference, content } as never).xLabel,
+    "b [unit of the project file]",
+    "not known is not none",
+  );
+});
+
 test("a density of draws is smooth, hardly wider, and keeps its bounds and modes", () => {
   const points = Array.from({ length: 161 }, (_, i) => -4 + i / 20);
   const maxima = (values: readonly number[]) =>

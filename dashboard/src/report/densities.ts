@@ -212,34 +212,35 @@ export function smoothed(density: Density): Density {
   return { points, density: average };
 }
 
-/** Densities side by side: prior and posterior, or two methods; `units` where they are known. */
+/** Densities side by side: prior and posterior, or two methods; `scale` to the unit, "" where none is known. */
 export function besideSpec(
   name: string,
   xLabel: string,
   densities: readonly { label: string; density: Density; dash?: number[]; colour: string }[],
   marks: ChartSpec["vertical"] = [],
-  units?: string,
+  scale: { factor: number; units: string } = { factor: 1, units: "–" },
 ): ChartSpec {
+  const { factor, units } = scale;
   const [low, high] = support(densities.map((d) => d.density));
   const grid = gridOf(
     densities.map((d) => d.density),
     low,
     high,
-  );
+  ).map((x) => factor * x);
   return {
     name,
     times: grid,
     series: densities.map((d) =>
-      densitySeries(grid, 1, d.density, {
+      densitySeries(grid, factor, d.density, {
         label: d.label,
         colour: d.colour,
         width: d.dash ? 1.6 : 2.2,
         ...(d.dash ? { dash: d.dash } : {}),
       }),
     ),
-    xLabel: axisLabel(xLabel, units === undefined ? "unit of the project file" : units || "–"),
-    yLabel: axisLabel("probability density", units === "" ? "–" : `1/${units ?? "unit"}`),
-    vertical: marks,
+    xLabel: axisLabel(xLabel, units || "unit of the project file"),
+    yLabel: axisLabel("probability density", units === "–" ? units : `1/${units || "unit"}`),
+    vertical: marks.map((m) => ({ ...m, at: factor * m.at })),
     height: 230,
     sync: "",
   };

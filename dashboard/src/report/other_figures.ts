@@ -1,7 +1,7 @@
 /** Figures of the reports that are not of an assimilation. Pure. */
 import type { LegendEntry } from "../chart";
 import type { Theme } from "../colour";
-import { decade, halfDecade } from "../format";
+import { decade, halfDecade, prettyUnits, scaleFor } from "../format";
 import type { StepLine } from "../types";
 import { charts, mostPairs, pairWords, type Content } from "./content";
 import { joined } from "./curves";
@@ -24,6 +24,19 @@ function lineOf(c: InferenceContent): StepLine {
     step: 0,
   } as unknown as StepLine;
 }
+
+/** From a parameter's numbers to its unit: of a model that states none, as of a server, there is no unit to write. */
+export function meaning(c: InferenceContent, k: number): { factor: number; units: string } {
+  const physical = c.physical?.[c.parameters[k] ?? ""];
+  const std = Math.sqrt(c.covariance[k]?.[k] ?? 0);
+  if (!physical?.units || !(std > 0)) return { factor: 1, units: "" };
+  const reference = physical.std / std;
+  const scale = scaleFor(physical.units, Math.abs(physical.mean));
+  return { factor: reference * scale.factor, units: prettyUnits(scale.units) || "–" };
+}
+
+const scaled = (rows: readonly (readonly number[])[], by: readonly { factor: number }[]): number[][] =>
+  rows.map((row) => row.map((v, k) => v * (by[k]?.factor ?? 1)));
 
 const transposed = (columns: readonly (readonly number[])[]): number[][] =>
   (columns[0] ?? []).map((_, i) => columns.map((c) => c[i]!));
@@ -93,11 +106,18 @@ export function inference(r: Inference, name: string, of: string, theme: Theme):
             ...one(posteriorOf(c, k), isDrawn(c) ? "posterior, draws smoothed" : "posterior", theme.blue),
           ],
           [{ at: c.maximum_a_posteriori[k]!, label: "most probable", colour: theme.red, dash: [2, 3] }],
-          c.units?.[k],
+          meaning(c, k),
         ),
       );
     case "pairs": {
-      const line = lineOf(c);
+      const by = c.parameters.map((_, i) => meaning(c, i));
+      const line = lineOf({
+        ...c,
+        mean: c.mean.map((v, i) => v * by[i]!.factor),
+        maximum_a_posteriori: c.maximum_a_posteriori.map((v, i) => v * by[i]!.factor),
+        covariance: c.covariance.map((row, i) => row.map((v, j) => v * by[i]!.factor * by[j]!.factor)),
+        quantiles: { ...c.quantiles, values: c.quantiles.values.map((q, i) => q.map((v) => v * by[i]!.factor)) },
+      });
       const others: LegendEntry[] = f.map_draws
         ? [{ label: "map, not corrected", colour: theme.orange, look: "bar" }]
         : [];
@@ -107,8 +127,9 @@ export function inference(r: Inference, name: string, of: string, theme: Theme):
           line,
           lines: [],
           names: c.parameters,
-          points: transposed(f.draws),
-          ...(f.map_draws ? { others: transposed(f.map_draws) } : {}),
+          units: by.map(({ units }) => units),
+          points: scaled(transposed(f.draws), by),
+          ...(f.map_draws ? { others: scaled(transposed(f.map_draws), by) } : {}),
           model: undefined,
           whole: false,
         },
@@ -117,16 +138,10 @@ export function inference(r: Inference, name: string, of: string, theme: Theme):
     }
     case "pull_back":
       return charts(
-        besideSpec(
-          `pulled back ${k}`,
-          `x${k + 1}`,
-          [
-            ...one(f.reference?.[k], "standard normal", theme.text, [5, 4]),
-            ...one(f.pull_back?.[k], "posterior, pulled back", theme.blue),
-          ],
-          [],
-          "",
-        ),
+        besideSpec(`pulled back ${k}`, `x${k + 1}`, [
+          ...one(f.reference?.[k], "standard normal", theme.text, [5, 4]),
+          ...one(f.pull_back?.[k], "posterior, pulled back", theme.blue),
+        ]),
       );
     case "orders":
       return orders(c, of, theme);
@@ -139,10 +154,16 @@ export function comparison(r: Comparison, name: string, of: string, theme: Theme
   if (name !== "marginal") return undefined;
   const [a, b] = r.contents;
   return charts(
-    besideSpec(`marginal ${a.parameters[k]}`, a.parameters[k] ?? "", [
-      { label: a.method, density: posteriorOf(a, k), colour: theme.blue },
-      { label: b.method, density: posteriorOf(b, k), colour: theme.orange, dash: [7, 4] },
-    ]),
+    besideSpec(
+      `marginal ${a.parameters[k]}`,
+      a.parameters[k] ?? "",
+      [
+        { label: a.method, density: posteriorOf(a, k), colour: theme.blue },
+        { label: b.method, density: posteriorOf(b, k), colour: theme.orange, dash: [7, 4] },
+      ],
+      [],
+      meaning(a, k),
+    ),
   );
 }
 

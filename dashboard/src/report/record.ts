@@ -116,11 +116,11 @@ export interface Assimilation {
 export interface InferenceContent {
   method: string;
   parameters: string[];
-  /** Of the parameters, in their order; "" is dimensionless. */
-  units?: string[];
   mean: number[];
   covariance: number[][];
   maximum_a_posteriori: number[];
+  /** In physical units, where the model states any. */
+  physical?: Record<string, { mean: number; std: number; units?: string }>;
   quantiles: { levels: number[]; values: number[][] };
   log_evidence: number;
   map_order: number;
