@@ -48,6 +48,9 @@ export function support(densities: readonly Density[]): [number, number] {
   return low < high ? [low, high] : Number.isFinite(low) ? [low - 0.5, low + 0.5] : [0, 1];
 }
 
+/** The unit of a density over an axis in this one. */
+const per = (units: string): string => (/[/ ]/.test(units) ? `1/(${units})` : `1/${units}`);
+
 /** Points in steps over the whole axis, and those of a density that is too narrow for them to meet. */
 function gridOf(densities: readonly Density[], low: number, high: number): number[] {
   const grid = Array.from({ length: gridPoints + 1 }, (_, i) => low + ((high - low) * i) / gridPoints);
@@ -112,10 +115,7 @@ export function densitySpec(plot: DensityPlot, theme: Theme): ChartSpec {
     times: grid,
     series,
     xLabel: plot.xLabel,
-    yLabel: axisLabel(
-      logarithmic ? "density, logarithmic" : "probability density",
-      plot.units ? `1/${plot.units}` : "–",
-    ),
+    yLabel: axisLabel(logarithmic ? "density, logarithmic" : "probability density", plot.units ? per(plot.units) : "–"),
     ...(logarithmic
       ? { logarithmic, ticks: decade, range: [least / 100, most * 1.5] as [number, number] }
       : { range: [0, 1.08 * most] as [number, number] }),
@@ -239,7 +239,7 @@ export function besideSpec(
       }),
     ),
     xLabel: axisLabel(xLabel, units || "unit of the project file"),
-    yLabel: axisLabel("probability density", units === "–" ? units : `1/${units || "unit"}`),
+    yLabel: axisLabel("probability density", units === "–" ? units : per(units || "unit")),
     vertical: marks.map((m) => ({ ...m, at: factor * m.at })),
     height: 230,
     sync: "",
