@@ -52,23 +52,33 @@ export function correlation(line: StepLine, i: number, j: number): number {
   return (c[i]?.[j] ?? 0) / Math.sqrt((c[i]?.[i] ?? 0) * (c[j]?.[j] ?? 0));
 }
 
-/** Heights of bins as a density over the interval. */
-export function histogram(values: readonly number[], axis: Interval, bins: number): number[] {
-  const width = (axis.high - axis.low) / bins;
-  const counts = new Array<number>(bins).fill(0);
+/**
+ * The density of draws at `count` points over the interval: a Gaussian kernel with Silverman's bandwidth, 0.9 times the smaller of
+ * standard deviation and quartile range / 1.34, over the fifth root of their number. Draws beyond an end are cut; what the kernel
+ * carries over an end is reflected, for an end is where a prior has one.
+ */
+export function smoothDensity(draws: readonly number[], axis: Interval, count: number): number[] {
+  const { low, high } = axis;
+  const values = draws.filter((v) => v >= low && v <= high);
+  const step = (high - low) / (count - 1);
+  const mean = values.reduce((a, v) => a + v, 0) / (values.length || 1);
+  const std = Math.sqrt(values.reduce((a, v) => a + (v - mean) ** 2, 0) / (values.length || 1));
+  const quartiles = ((quantile(values, 0.75) ?? 0) - (quantile(values, 0.25) ?? 0)) / 1.34;
+  const spread = quartiles > 0 ? Math.min(std, quartiles) : std;
+  const width = Math.max((0.9 * spread) / (values.length || 1) ** 0.2, step / 2);
+  const heights = new Array<number>(count).fill(0);
+  const add = (v: number): void => {
+    const first = Math.max(0, Math.ceil((v - 5 * width - low) / step));
+    const end = Math.min(count - 1, Math.floor((v + 5 * width - low) / step));
+    for (let i = first; i <= end; i += 1) heights[i]! += Math.exp(-0.5 * ((low + i * step - v) / width) ** 2);
+  };
   for (const v of values) {
-    const at = Math.floor((v - axis.low) / width);
-    if (at >= 0 && at < bins) counts[at]! += 1;
+    add(v);
+    if (v - low < 5 * width) add(2 * low - v);
+    if (high - v < 5 * width) add(2 * high - v);
   }
-  return counts.map((n) => n / (values.length * width || 1));
-}
-
-/** Bins by Freedman and Diaconis, 5 to 30. */
-export function binsFor(values: readonly number[], axis: Interval): number {
-  const spread = (quantile(values, 0.75) ?? 0) - (quantile(values, 0.25) ?? 0);
-  const width = (2 * spread) / Math.cbrt(values.length || 1);
-  const bins = width > 0 ? Math.round((axis.high - axis.low) / width) : 10;
-  return Math.min(30, Math.max(5, bins));
+  const scale = 1 / ((draws.length || 1) * width * Math.sqrt(2 * Math.PI));
+  return heights.map((h) => h * scale);
 }
 
 /** Multiples of 1, 2 or 5 times a power of ten, about `count` of them. */

@@ -2,8 +2,8 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { through, type Theme } from "./colour";
 import { csv } from "./csv";
-import { given, significant } from "./format";
-import { axisOf, binsFor, correlation, ellipse, histogram, isNarrow, ticks, type Interval } from "./pair";
+import { axisLabel, given, significant } from "./format";
+import { axisOf, correlation, ellipse, isNarrow, smoothDensity, ticks, type Interval } from "./pair";
 import { Panel } from "./panel";
 import { composePng } from "./png";
 import { Legend, type LegendEntry } from "./chart";
@@ -91,6 +91,8 @@ export interface PairPicture {
   line: StepLine;
   lines: readonly StepLine[];
   names: readonly string[];
+  /** Of the axes, by name; "–" where nothing else is known. */
+  units?: readonly string[];
   points: readonly number[][];
   /** Draws of something else, behind these. */
   others?: readonly number[][];
@@ -98,6 +100,9 @@ export interface PairPicture {
   theme: Theme;
   whole: boolean;
 }
+
+/** Of a marginal density. */
+const densityPoints = 121;
 
 interface Cell {
   x: number;
@@ -122,9 +127,15 @@ export function drawPairs(ctx: CanvasRenderingContext2D, p: PairPicture): void {
         frame(ctx, p, cell);
         if (column === row) marginal(ctx, p, cell, row);
         else scatter(ctx, p, cell, axes[row]!, column, row);
-        if (row === p.count - 1) horizontalAxis(ctx, p, cell, p.names[column]!);
+        if (row === p.count - 1) horizontalAxis(ctx, p, cell, axisLabel(p.names[column]!, p.units?.[column] ?? "–"));
         if (column === 0)
-          verticalAxis(ctx, p, cell, row === 0 ? undefined : axes[row]!, row === 0 ? "density" : p.names[row]!);
+          verticalAxis(
+            ctx,
+            p,
+            cell,
+            row === 0 ? undefined : axes[row]!,
+            row === 0 ? "density" : axisLabel(p.names[row]!, p.units?.[row] ?? "–"),
+          );
       }
     }
 }
@@ -151,13 +162,17 @@ function marginal(ctx: CanvasRenderingContext2D, p: PairPicture, cell: Cell, k: 
   const toX = (v: number): number =>
     cell.x + ((v - cell.horizontal.low) / (cell.horizontal.high - cell.horizontal.low)) * cell.w;
   inside(ctx, cell, () => {
-    const heights = histogram(values, cell.horizontal, binsFor(values, cell.horizontal));
+    const heights = smoothDensity(values, cell.horizontal, densityPoints);
     const tallest = Math.max(...heights) * 1.12 || 1;
     ctx.fillStyle = through(theme.blue, 0.55);
-    heights.forEach((height, i) => {
-      const tall = (height / tallest) * cell.h;
-      ctx.fillRect(cell.x + (i / heights.length) * cell.w, cell.y + cell.h - tall, cell.w / heights.length - 0.5, tall);
-    });
+    ctx.beginPath();
+    ctx.moveTo(cell.x, cell.y + cell.h);
+    heights.forEach((height, i) =>
+      ctx.lineTo(cell.x + (i / (densityPoints - 1)) * cell.w, cell.y + cell.h * (1 - height / tallest)),
+    );
+    ctx.lineTo(cell.x + cell.w, cell.y + cell.h);
+    ctx.closePath();
+    ctx.fill();
     const quantiles = p.line.quantiles.values[k] ?? [];
     const middle = (quantiles.length - 1) / 2;
     quantiles.forEach((v, i) => {
@@ -255,7 +270,7 @@ function horizontalAxis(ctx: CanvasRenderingContext2D, { theme }: PairPicture, c
     const at = Math.max(cell.x + half - 4, Math.min(x, cell.x + cell.w - half + 4));
     ctx.fillText(given(v), at, cell.y + cell.h + 16);
   }
-  ctx.fillText(`${name} [–]`, cell.x + cell.w / 2, cell.y + cell.h + 34);
+  ctx.fillText(name, cell.x + cell.w / 2, cell.y + cell.h + 34);
 }
 
 function verticalAxis(
@@ -276,6 +291,6 @@ function verticalAxis(
   ctx.translate(13, cell.y + cell.h / 2);
   ctx.rotate(-Math.PI / 2);
   ctx.textAlign = "center";
-  ctx.fillText(axis ? `${name} [–]` : name, 0, 0);
+  ctx.fillText(name, 0, 0);
   ctx.restore();
 }

@@ -4,7 +4,7 @@ import { fit, front, oblique, project, rotation, roundLength, roundUp, type Vec3
 import { colourAt, stateLook, theme } from "../src/colour";
 import { viewOf } from "../src/field";
 import { boxOf, displayFactor, rangeOf, scalars, shapeOf, surfaceOf } from "../src/mesh";
-import { axisOf, correlation, ellipse, histogram, isNarrow } from "../src/pair";
+import { axisOf, correlation, ellipse, isNarrow, smoothDensity } from "../src/pair";
 import { stepLine } from "./support";
 
 /** nx × ny × nz bricks of size 1. */
@@ -193,14 +193,29 @@ test("the ellipse of 95 % has its points at the right distance in the metric of 
   assert.ok(Math.abs(correlation(line, 0, 1) - 0.3) < 1e-12);
 });
 
-test("axes of the pair plot, and its histogram", () => {
+test("axes of the pair plot, and its densities", () => {
   const line = stepLine(0);
   assert.deepEqual(axisOf(0, line, { name: "a", lower: 0.5, upper: 1.5 }, true), { low: 0.5, high: 1.5 });
   assert.deepEqual(axisOf(1, line, { name: "b", lower: 0.5, upper: 2.2 }, false), { low: 2 - 4.5 * 0.1, high: 2.2 });
   assert.equal(isNarrow(line, [{ name: "a", lower: 0, upper: 100 }]), true);
   assert.equal(isNarrow(line, [{ name: "a", lower: 0.5, upper: 1.5 }]), false);
-  const heights = histogram([0.1, 0.1, 0.6, 5], { low: 0, high: 1 }, 2);
-  assert.deepEqual(heights, [1, 0.5], "a density; what is outside is cut, not moved");
+  const mass = (heights: readonly number[], low: number, high: number): number =>
+    (heights.reduce((a, b) => a + b, 0) * (high - low)) / (heights.length - 1);
+  const normal = Array.from({ length: 999 }, (_, i) => Math.log((i + 1) / (999 - i)) / 1.702);
+  const heights = smoothDensity(normal, { low: -5, high: 5 }, 121);
+  assert.ok(Math.abs(mass(heights, -5, 5) - 1) < 1e-3, "a density");
+  const peak = heights.indexOf(Math.max(...heights));
+  assert.equal(peak, 60);
+  heights.forEach((h, i) =>
+    assert.ok(i === 0 || (i <= peak ? h >= heights[i - 1]! : h <= heights[i - 1]!), "one peak"),
+  );
+  const flat = smoothDensity(
+    Array.from({ length: 500 }, (_, i) => (i + 0.5) / 500),
+    { low: 0, high: 1 },
+    101,
+  );
+  flat.forEach((h) => assert.ok(Math.abs(h - 1) < 0.03, "no fall towards a bound"));
+  assert.ok(Math.abs(mass(smoothDensity([0.1, 0.1, 0.6, 5], { low: 0, high: 1 }, 101), 0, 1) - 0.75) < 0.05, "cut");
 });
 
 /** Relative luminance, WCAG 2. */

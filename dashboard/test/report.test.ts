@@ -8,6 +8,7 @@ import type { Content } from "../src/report/content";
 import { normalQuantile } from "../src/report/curves";
 import { contentSvg, contentTable } from "../src/report/figure";
 import { contentOf } from "../src/report/figures";
+import { smoothed } from "../src/report/densities";
 import { elongations, locate } from "../src/report/maps";
 import { meshReadout, meshSvg, rangeOfMesh } from "../src/report/mesh_svg";
 import { modelOf, quantilesOf, type Report } from "../src/report/record";
@@ -575,4 +576,49 @@ test("a table is in the units of the axes", () => {
   const [header, first] = contentTable(content("load")).split("\r\n");
   assert.match(header!, /imposed displacement \[mm\],reaction force \[kN\]: low,/);
   assert.ok(first!.startsWith("0,0,0,0"));
+});
+
+test("an inference is drawn in the units that its model states", () => {
+  const content = {
+    ...inference.content,
+    physical: { a: { mean: 2e9, std: 4e8, units: "Pa" }, b: { mean: 2, std: 0.1 } },
+  };
+  const spec = chart("marginal:0", { ...inference, content } as never);
+  assert.equal(spec.xLabel, "a [GPa]");
+  assert.equal(spec.yLabel, "probability density [1/GPa]");
+  near(spec.vertical![0]!.at, 2, 1e-12);
+  near(Math.max(...spec.times), 8, 1e-9);
+  const drawn = contentOf({ ...inference, content } as never, "pairs", light, 0, undefined)!;
+  assert.ok("pairs" in drawn);
+  assert.deepEqual(drawn.pairs.units, ["GPa", ""]);
+  near(drawn.pairs.points[1]![0]!, 2.2, 1e-12);
+  assert.equal(
+    chart("marginal:1", { ...inference, content } as never).xLabel,
+    "b [unit of the project file]",
+    "not known is not none",
+  );
+});
+
+test("a density of draws is smooth, hardly wider, and keeps its bounds and modes", () => {
+  const points = Array.from({ length: 161 }, (_, i) => -4 + i / 20);
+  const maxima = (values: readonly number[]) =>
+    values.filter((v, i) => i > 0 && i < values.length - 1 && v > values[i - 1]! && v > values[i + 1]!).length;
+  const deviation = (values: readonly number[]) => {
+    const mass = values.reduce((a, b) => a + b, 0);
+    return Math.sqrt(values.reduce((sum, v, i) => sum + v * points[i]! ** 2, 0) / mass);
+  };
+  const normal = points.map((x) => Math.exp(-0.5 * x * x));
+  const jagged = normal.map((v, i) => v * (1 + 0.1 * Math.sin(1.3 * i)));
+  assert.ok(maxima(jagged) > 5);
+  const smooth = smoothed({ points, density: jagged }).density!;
+  assert.equal(maxima(smooth), 1);
+  near(deviation(smooth) / deviation(normal), 1.03, 0.01);
+  const flat = smoothed({ points, density: points.map(() => 1) }).density!;
+  near(flat[0]!, 1, 1e-12);
+  const two = smoothed({
+    points,
+    density: points.map((x) => Math.exp(-8 * (x - 2) ** 2) + Math.exp(-8 * (x + 2) ** 2)),
+  });
+  assert.equal(maxima(two.density!), 2);
+  assert.ok(two.density![80]! < 0.01);
 });

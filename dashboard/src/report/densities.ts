@@ -23,8 +23,10 @@ export function timeColour(fraction: number, theme: Theme): string {
 export function at(density: Density, x: number): number {
   const { points } = density;
   const values = density.density ?? density.values ?? [];
-  const k = points.findIndex((p) => p >= x);
-  if (k < 0 || x < points[0]!) return 0;
+  // The last point of a grid over the same axis may be beyond it by rounding.
+  const rounding = 1e-9 * (points[points.length - 1]! - points[0]!);
+  const k = points.findIndex((p) => p >= x - rounding);
+  if (k < 0 || x < points[0]! - rounding) return 0;
   if (k === 0) return values[0]!;
   const along = (x - points[k - 1]!) / (points[k]! - points[k - 1]! || 1);
   return values[k - 1]! + along * (values[k]! - values[k - 1]!);
@@ -45,6 +47,9 @@ export function support(densities: readonly Density[]): [number, number] {
   }
   return low < high ? [low, high] : Number.isFinite(low) ? [low - 0.5, low + 0.5] : [0, 1];
 }
+
+/** The unit of a density over an axis in this one. */
+const per = (units: string): string => (/[/ ]/.test(units) ? `1/(${units})` : `1/${units}`);
 
 /** Points in steps over the whole axis, and those of a density that is too narrow for them to meet. */
 function gridOf(densities: readonly Density[], low: number, high: number): number[] {
@@ -110,10 +115,7 @@ export function densitySpec(plot: DensityPlot, theme: Theme): ChartSpec {
     times: grid,
     series,
     xLabel: plot.xLabel,
-    yLabel: axisLabel(
-      logarithmic ? "density, logarithmic" : "probability density",
-      plot.units ? `1/${plot.units}` : "–",
-    ),
+    yLabel: axisLabel(logarithmic ? "density, logarithmic" : "probability density", plot.units ? per(plot.units) : "–"),
     ...(logarithmic
       ? { logarithmic, ticks: decade, range: [least / 100, most * 1.5] as [number, number] }
       : { range: [0, 1.08 * most] as [number, number] }),
@@ -180,33 +182,65 @@ export function forecastDensitySpec(
       };
 }
 
-/** Densities side by side: prior and posterior, or two methods. */
+/** The length of the axis on which a density is above half of its peak: 2.4 std of a normal one, of several modes their sum. */
+function widthOf(points: readonly number[], values: readonly number[]): number {
+  const half = 0.5 * values.reduce((a, b) => Math.max(a, b), 0);
+  return values.reduce((sum, v, i) => {
+    const [before, after] = [points[Math.max(0, i - 1)]!, points[Math.min(points.length - 1, i + 1)]!];
+    return v > half ? sum + 0.5 * (after - before) : sum;
+  }, 0);
+}
+
+/**
+ * The density of draws without the waves of single draws: averaged with a normal kernel, a tenth as wide as the density at half of
+ * its peak (a quarter of a normal one's std, which widens it by 3 %). At a bound nothing leaks out.
+ */
+export function smoothed(density: Density): Density {
+  const { points } = density;
+  const values = density.density ?? density.values ?? [];
+  const width = 0.1 * widthOf(points, values);
+  if (!(width > 0)) return density;
+  const average = points.map((x) => {
+    let [sum, weights] = [0, 0];
+    points.forEach((y, i) => {
+      const weight = Math.exp(-0.5 * ((y - x) / width) ** 2);
+      sum += weight * values[i]!;
+      weights += weight;
+    });
+    return sum / weights;
+  });
+  return { points, density: average };
+}
+
+/** Densities side by side: prior and posterior, or two methods; `scale` to the unit, "" where none is known. */
 export function besideSpec(
   name: string,
   xLabel: string,
   densities: readonly { label: string; density: Density; dash?: number[]; colour: string }[],
   marks: ChartSpec["vertical"] = [],
+  scale: { factor: number; units: string } = { factor: 1, units: "–" },
 ): ChartSpec {
+  const { factor, units } = scale;
   const [low, high] = support(densities.map((d) => d.density));
   const grid = gridOf(
     densities.map((d) => d.density),
     low,
     high,
-  );
+  ).map((x) => factor * x);
   return {
     name,
     times: grid,
     series: densities.map((d) =>
-      densitySeries(grid, 1, d.density, {
+      densitySeries(grid, factor, d.density, {
         label: d.label,
         colour: d.colour,
         width: d.dash ? 1.6 : 2.2,
         ...(d.dash ? { dash: d.dash } : {}),
       }),
     ),
-    xLabel: axisLabel(xLabel, "–"),
-    yLabel: "probability density [–]",
-    vertical: marks,
+    xLabel: axisLabel(xLabel, units || "unit of the project file"),
+    yLabel: axisLabel("probability density", units === "–" ? units : per(units || "unit")),
+    vertical: marks.map((m) => ({ ...m, at: factor * m.at })),
     height: 230,
     sync: "",
   };

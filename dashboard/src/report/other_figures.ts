@@ -1,12 +1,18 @@
 /** Figures of the reports that are not of an assimilation. Pure. */
 import type { LegendEntry } from "../chart";
 import type { Theme } from "../colour";
-import { decade, halfDecade } from "../format";
+import { decade, halfDecade, prettyUnits, scaleFor } from "../format";
 import type { StepLine } from "../types";
 import { charts, mostPairs, pairWords, type Content } from "./content";
 import { joined } from "./curves";
-import { besideSpec } from "./densities";
-import type { Comparison, Inference, InferenceContent, Plain, Selection } from "./record";
+import { besideSpec, smoothed } from "./densities";
+import type { Comparison, Density, Inference, InferenceContent, Plain, Selection } from "./record";
+
+/** Methods whose densities are those of draws. */
+const isDrawn = (c: InferenceContent): boolean => c.method === "smc" || c.method === "mcmc";
+
+const posteriorOf = (c: InferenceContent, k: number): Density =>
+  isDrawn(c) ? smoothed(c.figures.posterior[k]!) : c.figures.posterior[k]!;
 
 /** An inference as a line of the live page, for its pairs. */
 function lineOf(c: InferenceContent): StepLine {
@@ -18,6 +24,19 @@ function lineOf(c: InferenceContent): StepLine {
     step: 0,
   } as unknown as StepLine;
 }
+
+/** From a parameter's numbers to its unit: of a model that states none, as of a server, there is no unit to write. */
+export function meaning(c: InferenceContent, k: number): { factor: number; units: string } {
+  const physical = c.physical?.[c.parameters[k] ?? ""];
+  const std = Math.sqrt(c.covariance[k]?.[k] ?? 0);
+  if (!physical?.units || !(std > 0)) return { factor: 1, units: "" };
+  const reference = physical.std / std;
+  const scale = scaleFor(physical.units, Math.abs(physical.mean));
+  return { factor: reference * scale.factor, units: prettyUnits(scale.units) || "–" };
+}
+
+const scaled = (rows: readonly (readonly number[])[], by: readonly { factor: number }[]): number[][] =>
+  rows.map((row) => row.map((v, k) => v * (by[k]?.factor ?? 1)));
 
 const transposed = (columns: readonly (readonly number[])[]): number[][] =>
   (columns[0] ?? []).map((_, i) => columns.map((c) => c[i]!));
@@ -84,13 +103,21 @@ export function inference(r: Inference, name: string, of: string, theme: Theme):
           [
             ...one(f.prior?.[k], "prior", theme.prior, [6, 4]),
             ...one(f.map?.[k], "map, not corrected", theme.orange, [4, 3]),
-            ...one(f.posterior[k], "posterior", theme.blue),
+            ...one(posteriorOf(c, k), isDrawn(c) ? "posterior, draws smoothed" : "posterior", theme.blue),
           ],
           [{ at: c.maximum_a_posteriori[k]!, label: "most probable", colour: theme.red, dash: [2, 3] }],
+          meaning(c, k),
         ),
       );
     case "pairs": {
-      const line = lineOf(c);
+      const by = c.parameters.map((_, i) => meaning(c, i));
+      const line = lineOf({
+        ...c,
+        mean: c.mean.map((v, i) => v * by[i]!.factor),
+        maximum_a_posteriori: c.maximum_a_posteriori.map((v, i) => v * by[i]!.factor),
+        covariance: c.covariance.map((row, i) => row.map((v, j) => v * by[i]!.factor * by[j]!.factor)),
+        quantiles: { ...c.quantiles, values: c.quantiles.values.map((q, i) => q.map((v) => v * by[i]!.factor)) },
+      });
       const others: LegendEntry[] = f.map_draws
         ? [{ label: "map, not corrected", colour: theme.orange, look: "bar" }]
         : [];
@@ -100,8 +127,9 @@ export function inference(r: Inference, name: string, of: string, theme: Theme):
           line,
           lines: [],
           names: c.parameters,
-          points: transposed(f.draws),
-          ...(f.map_draws ? { others: transposed(f.map_draws) } : {}),
+          units: by.map(({ units }) => units),
+          points: scaled(transposed(f.draws), by),
+          ...(f.map_draws ? { others: scaled(transposed(f.map_draws), by) } : {}),
           model: undefined,
           whole: false,
         },
@@ -126,10 +154,16 @@ export function comparison(r: Comparison, name: string, of: string, theme: Theme
   if (name !== "marginal") return undefined;
   const [a, b] = r.contents;
   return charts(
-    besideSpec(`marginal ${a.parameters[k]}`, a.parameters[k] ?? "", [
-      { label: a.method, density: a.figures.posterior[k]!, colour: theme.blue },
-      { label: b.method, density: b.figures.posterior[k]!, colour: theme.orange, dash: [7, 4] },
-    ]),
+    besideSpec(
+      `marginal ${a.parameters[k]}`,
+      a.parameters[k] ?? "",
+      [
+        { label: a.method, density: posteriorOf(a, k), colour: theme.blue },
+        { label: b.method, density: posteriorOf(b, k), colour: theme.orange, dash: [7, 4] },
+      ],
+      [],
+      meaning(a, k),
+    ),
   );
 }
 
@@ -149,8 +183,10 @@ export function selection(r: Selection, name: string, of: string, theme: Theme):
       logarithmic: true,
       ticks: Math.max(...all) < 100 * Math.min(...all) ? halfDecade : decade,
       horizontal: [
-        { at: r.all_std[k]!, label: `all ${r.candidates} dofs`, colour: theme.red, dash: [6, 4], include: true },
+        // Its words are in the legend: the curves come down to it, where words at its end would stand.
+        { at: r.all_std[k]!, label: "", colour: theme.red, dash: [6, 4], include: true },
       ],
+      legend: [{ label: `all ${r.candidates} dofs`, colour: theme.red, look: "dash" }],
       height: 240,
       sync: "",
     });

@@ -119,6 +119,8 @@ export interface InferenceContent {
   mean: number[];
   covariance: number[][];
   maximum_a_posteriori: number[];
+  /** In physical units, where the model states any. */
+  physical?: Record<string, { mean: number; std: number; units?: string }>;
   quantiles: { levels: number[]; values: number[][] };
   log_evidence: number;
   map_order: number;

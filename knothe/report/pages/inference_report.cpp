@@ -101,8 +101,8 @@ void add_map(Page& page, const Content& c) {
 nlohmann::ordered_json record_of(const Json& content) {
   nlohmann::ordered_json record = {{"kind", "inference"}, {"content", nlohmann::ordered_json::object()}};
   for (const char* member :
-       {"method", "parameters", "mean", "covariance", "maximum_a_posteriori", "quantiles", "log_evidence",
-        "map_order", "variance_diagnostic", "tolerance", "figures"})
+       {"method", "parameters", "physical", "mean", "covariance", "maximum_a_posteriori", "quantiles",
+        "log_evidence", "map_order", "variance_diagnostic", "tolerance", "figures"})
     if (content.contains(member)) record["content"][member] = content.at(member);
   shorten_numbers(record, 6);
   return record;
