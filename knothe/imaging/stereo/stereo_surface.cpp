@@ -15,7 +15,7 @@ namespace {
 
 using Sparse = Eigen::SparseMatrix<double>;
 
-constexpr int k_most_steps = 30;
+constexpr int k_max_steps = 30;
 /// What keeps nodes without information regular, relative to the information of the others.
 constexpr double k_ridge = 1e-9;
 
@@ -129,7 +129,7 @@ Sight first_sight(const std::vector<Camera>& cameras, const ImageMesh& mesh, con
 double refine_depths(const std::vector<Camera>& cameras, const std::vector<Match>& matches, Sight& sight) {
   const Index n = std::ssize(sight.rays), others = std::ssize(matches);
   double squares = 0, step = 1;
-  for (int k = 0; k < k_most_steps && step > 1e-9; ++k) {
+  for (int k = 0; k < k_max_steps && step > 1e-9; ++k) {
     Sparse normal(n, n);
     Eigen::VectorXd right = Eigen::VectorXd::Zero(n);
     const SurfacePoints x = sight.points();
@@ -254,7 +254,7 @@ SurfaceMotion surface_motion(const std::vector<Camera>& cameras, const SurfacePo
   if (result.redundancy == 0) throw NumericalError("no node is measured by two cameras");
   const double reach = (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).norm();
   double squares = 0, step = reach;
-  for (int k = 0; k < k_most_steps && step > 1e-12 * reach; ++k) {
+  for (int k = 0; k < k_max_steps && step > 1e-12 * reach; ++k) {
     Sparse normal(3 * n, 3 * n);
     Eigen::VectorXd right = Eigen::VectorXd::Zero(3 * n);
     result.chi_square = squares = 0;
