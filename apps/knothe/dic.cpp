@@ -8,6 +8,7 @@
 #include "knothe/imaging/mesh/mesh_file.hpp"
 #include "knothe/imaging/series/pattern_report.hpp"
 #include "knothe/report/pages/picture_output.hpp"
+#include "knothe/report/pages/stereo_output.hpp"
 
 namespace knothe::commands {
 namespace {
@@ -20,6 +21,9 @@ struct DicArguments {
   bool pattern = false;                           ///< only assess the reference picture, before a test
   bool crack = false;                             ///< look for a crack in every picture
   std::string mask, mesh;                         ///< files
+  std::string cameras;                            ///< calibration of two cameras or more
+  std::string camera_unit = "mm";                 ///< its unit of length
+  std::vector<std::string> other;                 ///< pictures of the further cameras
   report::PictureFiles files;                     ///< to write
   bool grey = false;                              ///< use the luminance of colour pictures
   bool json = false;
@@ -29,6 +33,24 @@ imaging::Region parse_region(const std::vector<double>& corners) {
   if (corners.size() != 4 || corners[0] == corners[2] || corners[1] == corners[3])
     throw UsageError("--roi takes two opposite corners of the mesh, px: --roi X0,Y0,X1,Y1");
   return {corners[0], corners[1], corners[2], corners[3]};
+}
+
+/// Several cameras, from the command line or the project; its other settings go for each of them.
+void set_cameras(const DicArguments& a, report::PictureTask& task) {
+  if (a.cameras.empty() != a.other.empty())
+    throw UsageError("--cameras CALIBRATION and --other PICTURES… belong together");
+  if (!a.cameras.empty())
+    task.cameras = imaging::StereoOptions{
+        report::cameras_in_metres(a.cameras, a.camera_unit == "m" ? 1 : 1e-3),
+        report::listed_series(task.series, a.other)};
+  if (!task.cameras) return;
+  if (a.pattern || a.crack)
+    throw UsageError("--pattern and --crack are for one camera: leave out --cameras, or them");
+  task.cameras->series.front() = task.series;
+  for (imaging::SeriesOptions& other : task.cameras->series) {
+    other.colour = task.series.colour, other.correlation = task.series.correlation;
+    other.find_prefilter = task.series.find_prefilter;
+  }
 }
 
 report::PictureTask task_of(const DicArguments& a) {
@@ -56,6 +78,7 @@ report::PictureTask task_of(const DicArguments& a) {
   if (a.prefilter) series.find_prefilter = false;
   if (a.saturation) series.correlation.saturation = *a.saturation;
   if (a.grey) series.colour = files::Colour::grey;
+  set_cameras(a, task);
   return task;
 }
 
@@ -66,6 +89,7 @@ int dic(const DicArguments& arguments) {
   // read.
   mallopt(M_ARENA_MAX, 1);
   const files::CommandOutput output(arguments.json);
+  if (task.cameras) return report::measure_cameras(*task.cameras, task.project_text, arguments.files, output);
   if (!arguments.pattern) return report::measure_pictures(task, arguments.files, output);
   report::assess_pattern(task, arguments.files, output);
   return 0;
@@ -87,6 +111,13 @@ void add_dic(CLI::App& app, Command& chosen) {
   command.add_option("--mask", arguments.mask, "picture that is 0 where the surface is not to be measured");
   command.add_option("--mesh", arguments.mesh,
                      "mesh to correlate on instead of equal elements: Gmsh (.msh) or VTK (.vtu), in px");
+  command.add_option("--cameras", arguments.cameras,
+                     "calibration of two or more cameras, OpenCV's (.yaml, .xml) or DICe's (.xml): three "
+                     "components, in m; FILES are the pictures of its first camera");
+  command.add_option("--camera-unit", arguments.camera_unit, "unit of length of the calibration (default: mm)")
+      ->check(CLI::IsMember({"mm", "m"}));
+  command.add_option("--other", arguments.other,
+                     "with --cameras: reference and deformed pictures of the further cameras, in the same order");
   command
       .add_option("--prefilter", arguments.prefilter,
                   "Gaussian on all pictures, px; default: 1 where the speckle is aliased")
