@@ -3,12 +3,12 @@
 #include <optional>
 
 #include "apps/knothe/command_line.hpp"
+#include "apps/knothe/dic_cameras.hpp"
 #include "apps/number_checks.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/imaging/mesh/mesh_file.hpp"
 #include "knothe/imaging/series/pattern_report.hpp"
 #include "knothe/report/pages/picture_output.hpp"
-#include "knothe/report/pages/stereo_output.hpp"
 
 namespace knothe::commands {
 namespace {
@@ -21,9 +21,7 @@ struct DicArguments {
   bool pattern = false;                           ///< only assess the reference picture, before a test
   bool crack = false;                             ///< look for a crack in every picture
   std::string mask, mesh;                         ///< files
-  std::string cameras;                            ///< calibration of two cameras or more
-  std::string camera_unit = "mm";                 ///< its unit of length
-  std::vector<std::string> other;                 ///< pictures of the further cameras
+  CameraArguments cameras;                        ///< two or more
   report::PictureFiles files;                     ///< to write
   bool grey = false;                              ///< use the luminance of colour pictures
   bool json = false;
@@ -33,24 +31,6 @@ imaging::Region parse_region(const std::vector<double>& corners) {
   if (corners.size() != 4 || corners[0] == corners[2] || corners[1] == corners[3])
     throw UsageError("--roi takes two opposite corners of the mesh, px: --roi X0,Y0,X1,Y1");
   return {corners[0], corners[1], corners[2], corners[3]};
-}
-
-/// Several cameras, from the command line or the project; its other settings go for each of them.
-void set_cameras(const DicArguments& a, report::PictureTask& task) {
-  if (a.cameras.empty() != a.other.empty())
-    throw UsageError("--cameras CALIBRATION and --other PICTURES… belong together");
-  if (!a.cameras.empty())
-    task.cameras = imaging::StereoOptions{
-        report::cameras_in_metres(a.cameras, a.camera_unit == "m" ? 1 : 1e-3),
-        report::listed_series(task.series, a.other)};
-  if (!task.cameras) return;
-  if (a.pattern || a.crack)
-    throw UsageError("--pattern and --crack are for one camera: leave out --cameras, or them");
-  task.cameras->series.front() = task.series;
-  for (imaging::SeriesOptions& other : task.cameras->series) {
-    other.colour = task.series.colour, other.correlation = task.series.correlation;
-    other.find_prefilter = task.series.find_prefilter;
-  }
 }
 
 report::PictureTask task_of(const DicArguments& a) {
@@ -74,22 +54,19 @@ report::PictureTask task_of(const DicArguments& a) {
   if (!a.mask.empty()) series.mask = a.mask;
   if (a.crack && !series.crack) series.crack = imaging::CrackSearchOptions{};
   if (a.pattern) series.pictures.clear(), series.times.clear();
-  if (a.prefilter) series.correlation.prefilter_sigma = *a.prefilter;
-  if (a.prefilter) series.find_prefilter = false;
+  if (a.prefilter) series.correlation.prefilter_sigma = *a.prefilter, series.find_prefilter = false;
   if (a.saturation) series.correlation.saturation = *a.saturation;
   if (a.grey) series.colour = files::Colour::grey;
-  set_cameras(a, task);
+  set_cameras(a.cameras, a.pattern || a.crack, task);
   return task;
 }
 
 int dic(const DicArguments& arguments) {
   if (!arguments.files.table.empty()) imaging::require_table_name(arguments.files.table);
   const report::PictureTask task = task_of(arguments);
-  // Pictures are read by a thread: with a heap of its own it would keep the memory of the largest it has
-  // read.
+  // Pictures are read by a thread: a heap of its own would keep the memory of the largest.
   mallopt(M_ARENA_MAX, 1);
   const files::CommandOutput output(arguments.json);
-  if (task.cameras) return report::measure_cameras(*task.cameras, task.project_text, arguments.files, output);
   if (!arguments.pattern) return report::measure_pictures(task, arguments.files, output);
   report::assess_pattern(task, arguments.files, output);
   return 0;
@@ -111,13 +88,7 @@ void add_dic(CLI::App& app, Command& chosen) {
   command.add_option("--mask", arguments.mask, "picture that is 0 where the surface is not to be measured");
   command.add_option("--mesh", arguments.mesh,
                      "mesh to correlate on instead of equal elements: Gmsh (.msh) or VTK (.vtu), in px");
-  command.add_option("--cameras", arguments.cameras,
-                     "calibration of two or more cameras, OpenCV's (.yaml, .xml) or DICe's (.xml): three "
-                     "components, in m; FILES are the pictures of its first camera");
-  command.add_option("--camera-unit", arguments.camera_unit, "unit of length of the calibration (default: mm)")
-      ->check(CLI::IsMember({"mm", "m"}));
-  command.add_option("--other", arguments.other,
-                     "with --cameras: reference and deformed pictures of the further cameras, in the same order");
+  add_camera_options(command, arguments.cameras);
   command
       .add_option("--prefilter", arguments.prefilter,
                   "Gaussian on all pictures, px; default: 1 where the speckle is aliased")

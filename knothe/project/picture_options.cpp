@@ -280,8 +280,9 @@ void complete_cameras(Values& values, Given& g) {
     if (values.has(key))
       values.complain(key, fmt::format("\"{}\" is for one camera: leave it out with \"dic.cameras\"", key));
   if (g.folder.empty() || g.other_folders.empty())
-    values.complain("dic.cameras", "\"dic.cameras\" needs `[data] pictures`, the folder of the first camera, "
-                                   "and \"dic.other_pictures\", those of the others");
+    values.complain("dic.cameras",
+                    "\"dic.cameras\" needs `[data] pictures`, the folder of the first camera, "
+                    "and \"dic.other_pictures\", those of the others");
 }
 
 void check_meshes(Values& values, const PictureOptions& p) {

@@ -100,8 +100,7 @@ std::array<double, 3> mean_deviation(const imaging::SurfaceMotion& motion) {
 
 }  // namespace
 
-nlohmann::ordered_json stereo_record(const imaging::StereoSeries& series,
-                                     const imaging::StereoResult& r) {
+nlohmann::ordered_json stereo_record(const imaging::StereoSeries& series, const imaging::StereoResult& r) {
   int iterations = 0;
   double squares = 0, noise = 0;
   const double cameras = r.pictures.size();

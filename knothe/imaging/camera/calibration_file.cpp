@@ -53,14 +53,15 @@ std::vector<double> numbers_in(const CalibrationText& file, std::string_view tex
 
 void check(const CalibrationText& file, const Camera& camera, Index number) {
   if (!(camera.fx > 0 && camera.fy > 0))
-    file.fail(fmt::format("camera {}: focal lengths {} and {} px must be positive", number, camera.fx,
-                          camera.fy));
+    file.fail(
+        fmt::format("camera {}: focal lengths {} and {} px must be positive", number, camera.fx, camera.fy));
   const Eigen::Matrix3d& r = camera.rotation;
   if (!((r * r.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-3 && r.determinant() > 0))
     file.fail(fmt::format("camera {}: the rotation is not one (R Rᵀ ≠ 1): is a number missing?", number));
 }
 
-/// Of a matrix rounded to a few digits the nearest rotation: one step of Newton's for the polar factor, twice.
+/// Of a matrix rounded to a few digits the nearest rotation: one step of Newton's for the polar factor,
+/// twice.
 Eigen::Matrix3d orthonormal(Eigen::Matrix3d r) {
   for (int k = 0; k < 2 && std::abs(r.determinant()) > 0.5; ++k) r = 0.5 * (r + r.inverse().transpose());
   return r;
@@ -89,9 +90,10 @@ std::vector<double> required(const CalibrationText& file, const std::vector<std:
         file.fail(fmt::format("{}: {} numbers, {} are needed", key, found->size(), least));
       return *found;
     }
-  file.fail(fmt::format("no matrix {}: an OpenCV file of two cameras holds M1, D1, M2, D2, R and T; put "
-                        "intrinsics and extrinsics into one file",
-                        keys.front()));
+  file.fail(
+      fmt::format("no matrix {}: an OpenCV file of two cameras holds M1, D1, M2, D2, R and T; put "
+                  "intrinsics and extrinsics into one file",
+                  keys.front()));
 }
 
 /// Sets k1 … k6, p1, p2 from OpenCV's order k1, k2, p1, p2, k3, k4, k5, k6, then s1 … s4, τx, τy.
@@ -101,9 +103,10 @@ void set_distortion(const CalibrationText& file, Camera& camera, std::vector<dou
   camera.radial = {d[0], d[1], d[4], d[5], d[6], d[7]};
   camera.tangential = {d[2], d[3]};
   if (std::any_of(d.begin() + 8, d.end(), [](double value) { return value != 0; }))
-    file.fail(fmt::format("{}: thin-prism or tilt coefficients are not known here; calibrate without "
-                          "CALIB_THIN_PRISM_MODEL and CALIB_TILTED_MODEL",
-                          key));
+    file.fail(
+        fmt::format("{}: thin-prism or tilt coefficients are not known here; calibrate without "
+                    "CALIB_THIN_PRISM_MODEL and CALIB_TILTED_MODEL",
+                    key));
 }
 
 /// Each name with a number behind it.
@@ -121,12 +124,10 @@ std::vector<Camera> opencv_cameras(const CalibrationText& file) {
     Camera& camera = cameras[c];
     camera.fx = m[0], camera.cx = m[2], camera.fy = m[4], camera.cy = m[5];
     if (m[1] != 0) file.fail(fmt::format("M{}: OpenCV leaves the skew {} out; set it to 0", n, m[1]));
-    set_distortion(file, camera, required(file, numbered({"D", "distCoeffs"}, n), 4),
-                   fmt::format("D{}", n));
+    set_distortion(file, camera, required(file, numbered({"D", "distCoeffs"}, n), 4), fmt::format("D{}", n));
   }
   const auto r = required(file, {"R"}, 9), t = required(file, {"T"}, 3);
-  cameras[1].rotation =
-      orthonormal(Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r.data()));
+  cameras[1].rotation = orthonormal(Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r.data()));
   cameras[1].translation << t[0], t[1], t[2];
   return cameras;
 }
@@ -151,8 +152,7 @@ class DiceList {
   /// R of the rows, or of the angles; 1 where there are neither.
   [[nodiscard]] Eigen::Matrix3d rotation() const {
     Eigen::Matrix3d r;
-    if (!value("ROW 0"))
-      return rotation_of_angles(number("ALPHA"), number("BETA"), number("GAMMA"));
+    if (!value("ROW 0")) return rotation_of_angles(number("ALPHA"), number("BETA"), number("GAMMA"));
     for (int k = 0; k < 3; ++k) {
       const std::string key = fmt::format("ROW {}", k);
       const auto found = numbers_in(file_, value(key).value_or(""), fmt::format("{} {}", name_, key));
@@ -205,8 +205,9 @@ std::vector<Camera> dice_cameras(const CalibrationText& file) {
   const DiceList whole(file, text, "file");
   if (whole.value("extrinsics_relative_camera_to_camera") == "true" && !cameras.empty() &&
       (!cameras[0].rotation.isIdentity() || !cameras[0].translation.isZero()))
-    file.fail("extrinsics_relative_camera_to_camera with a first camera that is not at the origin is not "
-              "known here; save the poses relative to the world");
+    file.fail(
+        "extrinsics_relative_camera_to_camera with a first camera that is not at the origin is not "
+        "known here; save the poses relative to the world");
   return cameras;
 }
 
@@ -227,8 +228,9 @@ std::vector<Camera> read_cameras(const std::string& path) {
   else if (file.has("DICe_XML_Calibration_File"))
     file.fail("this is DICe's form of before 2020; open and save it with a DICe of today");
   else if (file.has("<orientation>"))
-    file.fail("this is a project of VIC-3D, whose model of the lens is not published; calibrate with OpenCV or "
-              "DICe from the same pictures of the target");
+    file.fail(
+        "this is a project of VIC-3D, whose model of the lens is not published; calibrate with OpenCV or "
+        "DICe from the same pictures of the target");
   else
     file.fail("no calibration that is known: OpenCV's .yaml or .xml of two cameras, or DICe's .xml");
   if (cameras.size() < 2)

@@ -13,8 +13,8 @@ namespace knothe::imaging {
 ///   cameraMatrix1, distCoeffs1 …): the world is the first camera, X_2 = R X_1 + T;
 /// - DICe's camera system (.xml): R by rows or angles, t, world to camera; OpenCV's distortion.
 /// Errors: DataError naming file, key and remedy: what cannot be read, lacks a key, or has coefficients that
-/// Camera does not have (thin prism, tilted sensor) or whose meaning is not known with certainty (VIC-3D's and
-/// DICe's other models of distortion).
+/// Camera does not have (thin prism, tilted sensor) or whose meaning is not known with certainty (VIC-3D's
+/// and DICe's other models of distortion).
 [[nodiscard]] std::vector<Camera> read_cameras(const std::string& path);
 
 }  // namespace knothe::imaging

@@ -22,8 +22,7 @@ Distorted distorted(const Camera& camera, const Eigen::Vector2d& at) {
   const auto& k = camera.radial;
   const auto [p1, p2] = camera.tangential;
   const double x = at.x(), y = at.y(), s = x * x + y * y;
-  const double above = 1 + s * (k[0] + s * (k[1] + s * k[2])),
-               below = 1 + s * (k[3] + s * (k[4] + s * k[5]));
+  const double above = 1 + s * (k[0] + s * (k[1] + s * k[2])), below = 1 + s * (k[3] + s * (k[4] + s * k[5]));
   const double slope_above = k[0] + s * (2 * k[1] + s * 3 * k[2]),
                slope_below = k[3] + s * (2 * k[4] + s * 3 * k[5]);
   const double g = above / below, slope = (slope_above - g * slope_below) / below;  // dg/d(r²)

@@ -8,7 +8,7 @@ namespace knothe::imaging {
 
 /// Where a point is in a picture.
 struct Projection {
-  Eigen::Vector2d pixel;                ///< px, x right, y down
+  Eigen::Vector2d pixel;                 ///< px, x right, y down
   Eigen::Matrix<double, 2, 3> jacobian;  ///< ∂pixel/∂X, px per unit of length
 };
 
@@ -22,13 +22,13 @@ struct Ray {
 ///   x_d = x g + 2 p1 x y + p2 (r² + 2x²),  y_d = y g + p1 (r² + 2y²) + 2 p2 x y,
 ///   pixel = (fx x_d + skew y_d + cx, fy y_d + cy).
 struct Camera {
-  double fx = 1, fy = 1;  ///< px
-  double cx = 0, cy = 0;  ///< px, pixel centres at whole numbers
-  double skew = 0;        ///< px
-  std::array<double, 6> radial{};      ///< k1 … k6
-  std::array<double, 2> tangential{};  ///< p1, p2
-  Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();   ///< R, world to camera
-  Eigen::Vector3d translation = Eigen::Vector3d::Zero();    ///< t, unit of length of the world
+  double fx = 1, fy = 1;                                   ///< px
+  double cx = 0, cy = 0;                                   ///< px, pixel centres at whole numbers
+  double skew = 0;                                         ///< px
+  std::array<double, 6> radial{};                          ///< k1 … k6
+  std::array<double, 2> tangential{};                      ///< p1, p2
+  Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();  ///< R, world to camera
+  Eigen::Vector3d translation = Eigen::Vector3d::Zero();   ///< t, unit of length of the world
 
   /// Errors: NumericalError for a point that is not in front of the camera.
   [[nodiscard]] Projection project(const Eigen::Vector3d& point) const;

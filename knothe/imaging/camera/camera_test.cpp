@@ -143,7 +143,8 @@ TEST(CalibrationFile, OpenCvXmlHasTheOrderOfItsCoefficients) {
            "</data></" + name + ">\n";
   };
   for (const std::string n : {"1", "2"})
-    text += matrix("M" + n, "1000. 0. 500. 0. 1001. 400. 0. 0. 1.") + matrix("D" + n, "1. 2. 3. 4. 5. 6. 7. 8.");
+    text +=
+        matrix("M" + n, "1000. 0. 500. 0. 1001. 400. 0. 0. 1.") + matrix("D" + n, "1. 2. 3. 4. 5. 6. 7. 8.");
   text += matrix("R", "1. 0. 0. 0. 1. 0. 0. 0. 1.") + matrix("T", "-100. 0. 0.") + "</opencv_storage>\n";
   const Camera camera = cameras_of(text.c_str())[1];
   EXPECT_EQ(camera.radial, (std::array<double, 6>{1, 2, 5, 6, 7, 8}));

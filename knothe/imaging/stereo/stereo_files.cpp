@@ -84,7 +84,8 @@ void write_stereo_displacements(const std::string& path, const StereoSeries& ser
     file.text_attribute("/mesh/cells", "type", cells.nodes_per_cell == 4 ? "VTK_QUAD" : "VTK_TRIANGLE");
     file.write("/pictures/epipolar_rms", epipolar, {n_t},
                {"px", "root mean square by which the cameras' displacements contradict each other"});
-    file.write("/pictures/chi_square", chi_square, {n_t}, {"1", "the same, by the noise, squared: 1 if all is well"});
+    file.write("/pictures/chi_square", chi_square, {n_t},
+               {"1", "the same, by the noise, squared: 1 if all is well"});
     file.texts_attribute("/pictures", "names", names);
     file.texts_attribute("/pictures", "messages", messages);
     file.number_attribute("/mesh", "epipolar_rms", surface.epipolar_rms);

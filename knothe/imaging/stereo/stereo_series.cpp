@@ -22,7 +22,8 @@ void check_stereo(const StereoOptions& options) {
                                    options.series.front().pictures.size(), s.pictures.size()));
     if (s.crack || s.drift != Drift::none || s.reference_update > 0 || s.correlation.regularisation > 0)
       throw UsageError(
-          "crack, drift, reference_update and regularisation are for one camera: leave them out with cameras");
+          "crack, drift, reference_update and regularisation are for one camera: leave them out with "
+          "cameras");
   }
 }
 

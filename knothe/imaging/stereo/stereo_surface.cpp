@@ -26,8 +26,7 @@ Sparse block_diagonal(const Blocks& blocks) {
   std::vector<Eigen::Triplet<double>> entries;
   for (Index a = 0; a < std::ssize(blocks); ++a)
     for (int i = 0; i < 2; ++i)
-      for (int j = 0; j < k_columns; ++j)
-        entries.emplace_back(2 * a + i, k_columns * a + j, blocks[a](i, j));
+      for (int j = 0; j < k_columns; ++j) entries.emplace_back(2 * a + i, k_columns * a + j, blocks[a](i, j));
   Sparse matrix(2 * std::ssize(blocks), k_columns * std::ssize(blocks));
   matrix.setFromTriplets(entries.begin(), entries.end());
   return matrix;
@@ -53,7 +52,8 @@ Eigen::VectorXd solved(const Sparse& normal, const Eigen::VectorXd& right) {
     if (x.allFinite()) return x;
   }
   throw NumericalError(
-      "the cameras do not determine the surface's position: their lines of sight are (nearly) parallel, or the "
+      "the cameras do not determine the surface's position: their lines of sight are (nearly) parallel, or "
+      "the "
       "speckle says nothing in places; take cameras 15° to 35° apart, or larger elements");
 }
 
@@ -67,14 +67,15 @@ struct Match {
 Match match(ImageCorrelation& correlation, const files::Picture& other, Index camera) {
   const CorrelationResult result = correlation.correlate(other);
   if (!result.converged)
-    throw DataError(
-        fmt::format("the reference pictures of cameras 0 and {} cannot be matched ({}): they must show the same "
-                    "surface at the same time, from directions less than some 35° apart",
-                    camera, result.message));
+    throw DataError(fmt::format(
+        "the reference pictures of cameras 0 and {} cannot be matched ({}): they must show the same "
+        "surface at the same time, from directions less than some 35° apart",
+        camera, result.message));
   const ImageMesh& mesh = correlation.mesh();
   Match found;
   found.place = result.displacement;
-  for (int a = 0; a < mesh.node_count(); ++a) found.place.segment<2>(2 * a) += Eigen::Vector2d(mesh.x[a], mesh.y[a]);
+  for (int a = 0; a < mesh.node_count(); ++a)
+    found.place.segment<2>(2 * a) += Eigen::Vector2d(mesh.x[a], mesh.y[a]);
   const double noise = std::max(1e-6, result.residual_rms);
   found.weight = correlation.matrix(result.element_valid) / (noise * noise);
   found.element_valid = result.element_valid;
@@ -105,7 +106,8 @@ struct Sight {
 };
 
 /// The first depths; a node that is not matched takes the mean of the others.
-Sight first_sight(const std::vector<Camera>& cameras, const ImageMesh& mesh, const std::vector<Match>& matches) {
+Sight first_sight(const std::vector<Camera>& cameras, const ImageMesh& mesh,
+                  const std::vector<Match>& matches) {
   Sight sight;
   sight.measured = matches.front().measured;
   for (const Match& m : matches)
@@ -115,8 +117,7 @@ Sight first_sight(const std::vector<Camera>& cameras, const ImageMesh& mesh, con
   for (int a = 0; a < mesh.node_count(); ++a) {
     sight.rays.push_back(cameras[0].ray({mesh.x[a], mesh.y[a]}));
     if (sight.measured[a] == 0) continue;
-    sight.depth[a] =
-        crossing_depth(sight.rays[a], cameras[1].ray(matches.front().place.segment<2>(2 * a)));
+    sight.depth[a] = crossing_depth(sight.rays[a], cameras[1].ray(matches.front().place.segment<2>(2 * a)));
     sum += sight.depth[a], count += 1;
   }
   if (count == 0) throw UsageError("no node of the mesh is seen by all cameras");
@@ -210,7 +211,8 @@ StereoSurface find_surface(const std::vector<Camera>& cameras, const std::vector
   const double epipolar = refine_depths(cameras, matches, sight);
   if (!(epipolar <= epipolar_bound))
     throw DataError(fmt::format(
-        "the lines of sight of matched points miss each other by {:.3g} px (root mean square), more than {} px: "
+        "the lines of sight of matched points miss each other by {:.3g} px (root mean square), more than {} "
+        "px: "
         "the calibration does not belong to these pictures; check their order, the file's convention, and "
         "whether a camera moved since",
         epipolar, epipolar_bound));
@@ -228,7 +230,8 @@ StereoSurface find_surface(const std::vector<Camera>& cameras, const std::vector
       wanted[e] &= std::all_of(mesh.elements[e].begin(), mesh.elements[e].end(), inside) ? 1 : 0;
   }
   if (std::count(wanted.begin(), wanted.end(), 1) == 0)
-    throw UsageError("no element of the mesh is seen by all cameras: choose the region where their views overlap");
+    throw UsageError(
+        "no element of the mesh is seen by all cameras: choose the region where their views overlap");
   StereoSurface surface = kept(cameras, points, mesh, wanted);
   surface.epipolar_rms = epipolar;
   return surface;
@@ -262,8 +265,7 @@ SurfaceMotion surface_motion(const std::vector<Camera>& cameras, const SurfacePo
       std::vector<Eigen::Matrix<double, 2, 3>> gradient(n);
       Eigen::VectorXd residual = Eigen::VectorXd::Zero(2 * n);
       for (Index a = 0; a < n; ++a) {
-        const Projection moved =
-            cameras[c].project(points.col(a) + result.displacement.segment<3>(3 * a));
+        const Projection moved = cameras[c].project(points.col(a) + result.displacement.segment<3>(3 * a));
         gradient[a] = moved.jacobian;
         if (motions[c].measured[a] != 0)
           residual.segment<2>(2 * a) = motions[c].displacement.segment<2>(2 * a) -

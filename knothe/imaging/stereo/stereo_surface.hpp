@@ -22,16 +22,17 @@ namespace knothe::imaging {
 using SurfacePoints = Eigen::Matrix3Xd;
 
 struct StereoSurface {
-  SurfacePoints points;            ///< X
-  std::vector<ImageMesh> meshes;   ///< P_c(X) for each camera, one topology
-  double epipolar_rms = 0;         ///< px, of find_surface: lines of sight that miss each other
+  SurfacePoints points;           ///< X
+  std::vector<ImageMesh> meshes;  ///< P_c(X) for each camera, one topology
+  double epipolar_rms = 0;        ///< px, of find_surface: lines of sight that miss each other
 };
 
 /// What one camera measured on its mesh.
 struct CameraMotion {
-  Eigen::VectorXd displacement;           ///< d_c, 2 per node, px
-  Eigen::SparseMatrix<double> precision;  ///< Π_c, 1/px², both triangles; rows empty where nothing was measured
-  std::vector<char> measured;             ///< of each node
+  Eigen::VectorXd displacement;  ///< d_c, 2 per node, px
+  Eigen::SparseMatrix<double>
+      precision;               ///< Π_c, 1/px², both triangles; rows empty where nothing was measured
+  std::vector<char> measured;  ///< of each node
 };
 
 struct SurfaceMotion {
@@ -39,8 +40,8 @@ struct SurfaceMotion {
   Eigen::SparseMatrix<double> precision;  ///< of u, both triangles
   Eigen::VectorXd std;                    ///< √diag of its inverse; 0 where not measured
   std::vector<char> measured;             ///< nodes that two or more cameras measured
-  double chi_square = 0;   ///< Σ_c |residual|²_{Π_c}: of `redundancy` degrees of freedom if all is well
-  Index redundancy = 0;    ///< values of the measured nodes less three a node
+  double chi_square = 0;    ///< Σ_c |residual|²_{Π_c}: of `redundancy` degrees of freedom if all is well
+  Index redundancy = 0;     ///< values of the measured nodes less three a node
   double epipolar_rms = 0;  ///< px, root of the mean square residual per redundant value
 };
 

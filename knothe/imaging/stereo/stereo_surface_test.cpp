@@ -158,7 +158,8 @@ TEST(StereoSurface, TheErrorsAreThoseOfThePrecision) {
     values += found.displacement.size();
     misfit += found.chi_square, redundancy += found.redundancy;
   }
-  const double tolerance = test::long_form() ? 0.05 : 0.1;  // 24 draws of 126 values: standard deviation 0.026
+  const double tolerance =
+      test::long_form() ? 0.05 : 0.1;  // 24 draws of 126 values: standard deviation 0.026
   EXPECT_NEAR(errors / values, 1, tolerance);
   EXPECT_NEAR(misfit / redundancy, 1, 2 * tolerance);
   RecordProperty("mean_over_values", std::to_string(errors / values));
@@ -187,8 +188,8 @@ TEST(StereoSurface, AWrongCalibrationIsRefused) {
   const Scene scene;
   auto cameras = scene.cameras;
   cameras[1].cy += 3;
-  const std::string message = files::message_of<DataError>(
-      [&] { (void)find_surface(cameras, scene.reference(), mesh_of_scene()); });
+  const std::string message =
+      files::message_of<DataError>([&] { (void)find_surface(cameras, scene.reference(), mesh_of_scene()); });
   EXPECT_NE(message.find("the calibration does not belong to these pictures"), std::string::npos) << message;
 }
 
@@ -233,14 +234,11 @@ TEST(StereoSurface, TheRealPairAgreesWithAPeer) {
   }
   // DICe's regression result (stereo_d_spec, DICe_solution_3.txt): x, y, its place in the right picture less
   // that in the left, and the displacement in the left picture; px.
-  const Eigen::Matrix<double, 8, 6> peer{{624, 524, -26.147, -44.242, 0.063826, -0.042241},
-                                         {724, 624, -23.696, -42.676, 0.059201, -0.045554},
-                                         {824, 624, -21.825, -42.388, 0.053123, -0.044964},
-                                         {824, 724, -22.311, -42.205, 0.051721, -0.046203},
-                                         {924, 624, -21.008, -42.064, 0.049363, -0.044379},
-                                         {1024, 724, -21.603, -42.574, 0.053004, -0.047536},
-                                         {1124, 624, -22.346, -41.442, 0.045699, -0.048325},
-                                         {1124, 824, -23.258, -44.077, 0.045087, -0.051081}};
+  const Eigen::Matrix<double, 8, 6> peer{
+      {624, 524, -26.147, -44.242, 0.063826, -0.042241},  {724, 624, -23.696, -42.676, 0.059201, -0.045554},
+      {824, 624, -21.825, -42.388, 0.053123, -0.044964},  {824, 724, -22.311, -42.205, 0.051721, -0.046203},
+      {924, 624, -21.008, -42.064, 0.049363, -0.044379},  {1024, 724, -21.603, -42.574, 0.053004, -0.047536},
+      {1124, 624, -22.346, -41.442, 0.045699, -0.048325}, {1124, 824, -23.258, -44.077, 0.045087, -0.051081}};
   std::vector<char> inside;
   const Eigen::MatrixXd shift = interpolate(mesh, moved, peer.leftCols<2>(), inside),
                         across = interpolate(mesh, disparity, peer.leftCols<2>(), inside);

@@ -182,8 +182,8 @@ PictureTask picture_task(const std::string& project_file) {
   PictureTask task;
   task.project_text = project.text;
   if (const project::PictureOptions& p = project.pictures; !p.cameras.empty()) {
-    task.cameras =
-        imaging::StereoOptions{cameras_in_metres(p.cameras, p.camera_unit), project::camera_series_options(project)};
+    task.cameras = imaging::StereoOptions{cameras_in_metres(p.cameras, p.camera_unit),
+                                          project::camera_series_options(project)};
     task.series = task.cameras->series.front();
     return task;
   }
@@ -194,6 +194,7 @@ PictureTask picture_task(const std::string& project_file) {
 }
 
 int measure_pictures(const PictureTask& task, const PictureFiles& files, const files::CommandOutput& output) {
+  if (task.cameras) return measure_cameras(*task.cameras, task.project_text, files, output);
   show_registration(task, files);
   PictureOutput written(task, files);
   imaging::PictureSeries series(task.series);

@@ -16,7 +16,7 @@ struct PictureTask {
   imaging::SeriesOptions series;
   std::optional<imaging::PictureFrame> frame;
   std::optional<imaging::OutlineFit> registration;  ///< where the outline of the body tells the frame
-  std::optional<imaging::StereoOptions> cameras;  ///< several, in place of `series`
+  std::optional<imaging::StereoOptions> cameras;    ///< several, in place of `series`
   std::string project_text;
 };
 

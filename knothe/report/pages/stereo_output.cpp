@@ -66,9 +66,10 @@ std::vector<imaging::SeriesOptions> listed_series(const imaging::SeriesOptions& 
                                                   const std::vector<std::string>& others) {
   const Index each = 1 + std::ssize(first.pictures), count = std::ssize(others);
   if (count == 0 || count % each != 0)
-    throw UsageError(fmt::format("--other takes the pictures of the further cameras, {} of each: its reference, "
-                                 "then the deformed ones in the same order; {} are given",
-                                 each, count));
+    throw UsageError(
+        fmt::format("--other takes the pictures of the further cameras, {} of each: its reference, "
+                    "then the deformed ones in the same order; {} are given",
+                    each, count));
   std::vector<imaging::SeriesOptions> cameras{first};
   for (auto at = others.begin(); at != others.end(); at += each) {
     cameras.push_back(first);
