@@ -3,6 +3,7 @@
 #include <optional>
 
 #include "apps/knothe/command_line.hpp"
+#include "apps/knothe/dic_cameras.hpp"
 #include "apps/number_checks.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/imaging/mesh/mesh_file.hpp"
@@ -20,6 +21,7 @@ struct DicArguments {
   bool pattern = false;                           ///< only assess the reference picture, before a test
   bool crack = false;                             ///< look for a crack in every picture
   std::string mask, mesh;                         ///< files
+  CameraArguments cameras;                        ///< two or more
   report::PictureFiles files;                     ///< to write
   bool grey = false;                              ///< use the luminance of colour pictures
   bool json = false;
@@ -52,18 +54,17 @@ report::PictureTask task_of(const DicArguments& a) {
   if (!a.mask.empty()) series.mask = a.mask;
   if (a.crack && !series.crack) series.crack = imaging::CrackSearchOptions{};
   if (a.pattern) series.pictures.clear(), series.times.clear();
-  if (a.prefilter) series.correlation.prefilter_sigma = *a.prefilter;
-  if (a.prefilter) series.find_prefilter = false;
+  if (a.prefilter) series.correlation.prefilter_sigma = *a.prefilter, series.find_prefilter = false;
   if (a.saturation) series.correlation.saturation = *a.saturation;
   if (a.grey) series.colour = files::Colour::grey;
+  set_cameras(a.cameras, a.pattern || a.crack, task);
   return task;
 }
 
 int dic(const DicArguments& arguments) {
   if (!arguments.files.table.empty()) imaging::require_table_name(arguments.files.table);
   const report::PictureTask task = task_of(arguments);
-  // Pictures are read by a thread: with a heap of its own it would keep the memory of the largest it has
-  // read.
+  // Pictures are read by a thread: a heap of its own would keep the memory of the largest.
   mallopt(M_ARENA_MAX, 1);
   const files::CommandOutput output(arguments.json);
   if (!arguments.pattern) return report::measure_pictures(task, arguments.files, output);
@@ -87,6 +88,7 @@ void add_dic(CLI::App& app, Command& chosen) {
   command.add_option("--mask", arguments.mask, "picture that is 0 where the surface is not to be measured");
   command.add_option("--mesh", arguments.mesh,
                      "mesh to correlate on instead of equal elements: Gmsh (.msh) or VTK (.vtu), in px");
+  add_camera_options(command, arguments.cameras);
   command
       .add_option("--prefilter", arguments.prefilter,
                   "Gaussian on all pictures, px; default: 1 where the speckle is aliased")

@@ -128,9 +128,11 @@ FileCheck check_files(const Project& project) {
   const bool fields = !project.fields.files.empty();
   // A pattern of names is looked up where the fields are read.
   const std::string data = fields ? fields_folder(project.fields) : project.data;
-  std::vector<std::string> files = {project.model,        data,
-                                    pictures.folder,      pictures.series.mask,
-                                    project.fields.steps, project.fields.reference};
+  std::vector<std::string> files = {project.model,           data,
+                                    pictures.folder,         pictures.series.mask,
+                                    pictures.cameras,        project.fields.steps,
+                                    project.fields.reference};
+  files.insert(files.end(), pictures.other_folders.begin(), pictures.other_folders.end());
   for (const DataSource& source : project.sources) files.push_back(source.file);
   if (pictures.folder.empty())
     for (const auto* list : {&pictures.references, &pictures.pictures})

@@ -144,6 +144,10 @@ PictureMeasurements::PictureMeasurements(const Project& given, const model::Sepa
                                          bool live) {
   const auto& contents = model.contents();
   Project project = given;
+  if (!project.pictures.cameras.empty())
+    throw project.error_at("dic.cameras",
+                           "pictures of several cameras are measured first: `knothe dic FILE.toml -o u.h5`, "
+                           "then `[data] file = \"u.h5\"` in a project without [dic] cameras");
   registration_ = register_pictures(project, contents.mesh, live);
   frame_ = picture_frame_of(project, contents.mesh);
   if (live && project.pictures.series.reference_update > 0)

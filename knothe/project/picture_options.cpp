@@ -20,7 +20,7 @@ using Pair = std::array<double, 2>;
 
 /// What the file says; a PictureOptions is made of it.
 struct Given : PictureOptions {
-  bool by_outline = false, look_for_crack = false;
+  bool by_outline = false, look_for_crack = false, cameras_in_metres = false;
   std::array<double, 4> roi{};
   imaging::CrackSearchOptions crack;
   OutlineRegistration fit;
@@ -122,6 +122,17 @@ void add_crack_and_drift_options(Section<G>& s) {
         "Prior standard deviation of such a motion, px; a large one carries no information.", positive);
 }
 
+void add_camera_options(Section<G>& s) {
+  s.add("cameras", &G::cameras,
+        "Calibration of two or more cameras: OpenCV's (.yaml, .xml: M1, D1, M2, D2, R, T) or DICe's (.xml). "
+        "Displacements are then in metres, three components, in its frame.",
+        file);
+  s.choice("camera_unit", &G::cameras_in_metres, "mm", "m", "Unit of length of the calibration.");
+  s.add("other_pictures", &G::other_folders,
+        "Folders of the further cameras' pictures, in the calibration's order; as many pictures as in "
+        "`[data] pictures`, which holds the first camera's.");
+}
+
 void add_registration_options(Section<G>& s) {
   s.choice(
       "registration", &G::by_outline, "given", "outline",
@@ -160,6 +171,7 @@ const Section<G>& dic_section() {
         add_picture_options(s);
         add_correlation_options(s);
         add_crack_and_drift_options(s);
+        add_camera_options(s);
         add_registration_options(s);
       });
   return k_section;
@@ -257,6 +269,22 @@ void complete_series(Values& values, Given& g) {
                     "against the reference");
 }
 
+/// Several cameras, and what they do not go together with.
+void complete_cameras(Values& values, Given& g) {
+  g.camera_unit = g.cameras_in_metres ? 1 : 1e-3;
+  for (std::string& folder : g.other_folders) folder = values.resolved(folder);
+  if (g.cameras.empty())
+    return refuse(values, {"dic.camera_unit", "dic.other_pictures"}, "\"dic.cameras\", a calibration");
+  for (const char* key : {"dic.scale", "dic.pixels", "dic.registration", "dic.crack", "dic.drift", "dic.mesh",
+                          "dic.reference_update", "dic.regularisation"})
+    if (values.has(key))
+      values.complain(key, fmt::format("\"{}\" is for one camera: leave it out with \"dic.cameras\"", key));
+  if (g.folder.empty() || g.other_folders.empty())
+    values.complain("dic.cameras",
+                    "\"dic.cameras\" needs `[data] pictures`, the folder of the first camera, "
+                    "and \"dic.other_pictures\", those of the others");
+}
+
 void check_meshes(Values& values, const PictureOptions& p) {
   const bool registered = p.frame || p.outline;
   const auto refuse_unless = [&](bool holds, const char* key, const std::string& text) {
@@ -291,6 +319,7 @@ PictureOptions read_pictures(Values& values) {
     values.complain("dic.pictures", "\"dic.pictures\" and \"data.pictures\" both name pictures: give one");
   }
   complete_series(values, p);
+  complete_cameras(values, p);
   p.outline = outline_of(values, p);
   p.frame = frame_of(values, p);
   check_meshes(values, p);
@@ -318,6 +347,17 @@ imaging::SeriesOptions series_options(const Project& project) {
     series.times = p.times;
   }
   return series;
+}
+
+std::vector<imaging::SeriesOptions> camera_series_options(const Project& project) {
+  std::vector<imaging::SeriesOptions> cameras{series_options(project)};
+  for (const std::string& folder : project.pictures.other_folders) {
+    imaging::PictureFolder found = imaging::list_pictures(folder, {});
+    imaging::SeriesOptions series = cameras.front();
+    series.references = std::move(found.references), series.pictures = std::move(found.pictures);
+    cameras.push_back(std::move(series));
+  }
+  return cameras;
 }
 
 imaging::SeriesOptions live_series_options(const Project& project) {

@@ -37,6 +37,9 @@ struct PictureOptions {
   bool model_mesh = false;      ///< correlate on the model's surface mesh
   std::string mesh_file;        ///< resolved; empty: none
   bool mesh_in_metres = false;  ///< unit of that file
+  std::string cameras;          ///< [dic] cameras, resolved; empty: one camera, without calibration
+  double camera_unit = 1e-3;    ///< m
+  std::vector<std::string> other_folders;  ///< [dic] other_pictures, resolved: one for each further camera
 };
 
 /// Reads [dic] and [data] pictures, times. Complaints go to `values`.
@@ -45,6 +48,8 @@ struct PictureOptions {
 /// The series with its pictures looked up. Errors: ProjectError where the project names none, DataError for
 /// the folder.
 [[nodiscard]] imaging::SeriesOptions series_options(const Project& project);
+/// The same of every camera of [dic] cameras, in the order of the calibration. The same errors.
+[[nodiscard]] std::vector<imaging::SeriesOptions> camera_series_options(const Project& project);
 /// Without pictures: they will come in the folder that the service watches, or from its camera. The same
 /// errors.
 [[nodiscard]] imaging::SeriesOptions live_series_options(const Project& project);

@@ -2,6 +2,12 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "knothe/imaging/correlation/correlation_noise.hpp"
+
 namespace knothe::record {
 namespace {
 
@@ -80,6 +86,60 @@ std::string picture_text(const imaging::PictureResult& r, double noise_std,
   if (!r.reference.empty()) text += fmt::format(", measured against {} (reference replaced)", r.reference);
   text += fmt::format(", {:.0f} ms", r.elapsed_ms);
   return r.crack ? text + "\n    " + crack_text(*r.crack, frame) : text;
+}
+
+namespace {
+
+/// Mean standard deviation of x, y, z, m.
+std::array<double, 3> mean_deviation(const imaging::SurfaceMotion& motion) {
+  std::array<double, 3> mean{};
+  const double nodes = std::max<double>(1, std::count(motion.measured.begin(), motion.measured.end(), 1));
+  for (Index i = 0; i < motion.std.size(); ++i) mean[i % 3] += motion.std[i] / nodes;
+  return mean;
+}
+
+}  // namespace
+
+nlohmann::ordered_json stereo_record(const imaging::StereoSeries& series, const imaging::StereoResult& r) {
+  int iterations = 0;
+  double squares = 0, noise = 0;
+  const double cameras = r.pictures.size();
+  std::vector<std::string> names;
+  for (Index c = 0; c < std::ssize(r.pictures); ++c) {
+    const auto& picture = r.pictures[c];
+    names.push_back(picture.picture);
+    iterations = std::max(iterations, picture.correlation.iterations);
+    squares += picture.correlation.residual_rms * picture.correlation.residual_rms / cameras;
+    if (!r.missing) noise += imaging::mean_std(series.camera(c).displacement_std(picture)) / cameras;
+  }
+  const std::vector<char> valid = series.valid_elements(r);
+  nlohmann::ordered_json line = {{"picture", names.front()},
+                                 {"pictures", names},
+                                 {"iterations", iterations},
+                                 {"converged", !r.missing},
+                                 {"residual_rms", std::sqrt(squares)},
+                                 {"nodes", series.surface().points.cols()},
+                                 {"elements_rejected", std::count(valid.begin(), valid.end(), 0)},
+                                 {"elapsed_ms", r.elapsed_ms},
+                                 {"noise_std_px", noise},
+                                 {"epipolar_rms_px", r.motion.epipolar_rms},
+                                 {"surface_epipolar_rms_px", series.surface().epipolar_rms},
+                                 {"missing", r.missing}};
+  if (r.missing)
+    line["message"] = r.message;
+  else
+    line["noise_std_m"] = mean_deviation(r.motion),
+    line["chi_square_per_value"] = r.motion.chi_square / r.motion.redundancy;
+  return line;
+}
+
+std::string stereo_text(const imaging::StereoResult& r) {
+  if (r.missing) return "";
+  const auto std = mean_deviation(r.motion);
+  return fmt::format(
+      "{}: noise {:.3g}, {:.3g}, {:.3g} µm (x, y, z), cameras contradict each other by {:.3g} px, {:.0f} ms",
+      r.pictures.front().picture, 1e6 * std[0], 1e6 * std[1], 1e6 * std[2], r.motion.epipolar_rms,
+      r.elapsed_ms);
 }
 
 nlohmann::ordered_json pattern_record(const std::string& name, const imaging::PatternReport& r,

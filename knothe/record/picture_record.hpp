@@ -8,6 +8,7 @@
 #include "knothe/imaging/mesh/registration.hpp"
 #include "knothe/imaging/series/pattern_report.hpp"
 #include "knothe/imaging/series/picture_series.hpp"
+#include "knothe/imaging/stereo/stereo_series.hpp"
 
 namespace knothe::record {
 
@@ -22,6 +23,11 @@ namespace knothe::record {
                                                     const std::optional<imaging::PictureFrame>& frame);
 [[nodiscard]] std::string picture_text(const imaging::PictureResult& result, double noise_std,
                                        const std::optional<imaging::PictureFrame>& frame);
+
+/// The same of a set of pictures of several cameras: named by that of the first.
+[[nodiscard]] nlohmann::ordered_json stereo_record(const imaging::StereoSeries& series,
+                                                   const imaging::StereoResult& result);
+[[nodiscard]] std::string stereo_text(const imaging::StereoResult& result);
 
 /// The same of the speckle pattern of `name`.
 [[nodiscard]] nlohmann::ordered_json pattern_record(const std::string& name,

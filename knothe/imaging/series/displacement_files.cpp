@@ -25,19 +25,6 @@ namespace {
 using Sparse = Eigen::SparseMatrix<double>;
 constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
 
-void write_matrix(files::Hdf5Writer& file, const std::string& name, const Sparse& matrix,
-                  const std::string& units) {
-  // Symmetric: columns are rows.
-  Sparse m = matrix;
-  m.prune(0.0, 0.0);  // rows of dofs that were not measured stay empty
-  const std::size_t count = m.nonZeros();
-  const std::vector<std::int64_t> indices(m.innerIndexPtr(), m.innerIndexPtr() + count),
-      rows(m.outerIndexPtr(), m.outerIndexPtr() + m.rows() + 1);
-  file.write(name + "/data", {m.valuePtr(), count}, {count}, {units, "inverse of the noise covariance"});
-  file.write_integers(name + "/indices", indices, {count}, {"1", "column of each entry"});
-  file.write_integers(name + "/indptr", rows, {rows.size()}, {"1", "first entry of each row"});
-}
-
 /// The inverse covariance of the values in a file: of a picture with every usable element, and of each
 /// picture whose valid elements are others, in which rows of dofs that were not measured are empty. One
 /// matrix at a time: they are larger than everything else in the file.
@@ -53,7 +40,7 @@ void write_precisions(files::Hdf5Writer& file, const PictureSeries& series,
                       options.drift_std * (frame ? frame->scale() : 1));
   };
   const std::vector<char>& usable = series.correlation().usable_elements();
-  write_matrix(file, "/noise/precision", precision_of(usable), units);
+  write_symmetric(file, "/noise/precision", precision_of(usable), units);
   file.integer_attribute("/noise/precision", "shared_reference", series.reference_count());
   file.number_attribute("/noise/precision", "noise_grey_levels", noise);
   if (frame && frame->relative_scale_std > 0)
@@ -69,11 +56,24 @@ void write_precisions(files::Hdf5Writer& file, const PictureSeries& series,
     if (results[t].missing || (valid == usable && !accumulated)) continue;
     if (accumulated || last_valid == nullptr || valid != *last_valid) last = precision_of(results[t]);
     last_valid = accumulated ? nullptr : &valid;
-    write_matrix(file, fmt::format("/noise/precision_steps/{}", t), last, units);
+    write_symmetric(file, fmt::format("/noise/precision_steps/{}", t), last, units);
   }
 }
 
 }  // namespace
+
+void write_symmetric(files::Hdf5Writer& file, const std::string& name, const Sparse& matrix,
+                     const std::string& units) {
+  // Symmetric: columns are rows.
+  Sparse m = matrix;
+  m.prune(0.0, 0.0);  // rows of dofs that were not measured stay empty
+  const std::size_t count = m.nonZeros();
+  const std::vector<std::int64_t> indices(m.innerIndexPtr(), m.innerIndexPtr() + count),
+      rows(m.outerIndexPtr(), m.outerIndexPtr() + m.rows() + 1);
+  file.write(name + "/data", {m.valuePtr(), count}, {count}, {units, "inverse of the noise covariance"});
+  file.write_integers(name + "/indices", indices, {count}, {"1", "column of each entry"});
+  file.write_integers(name + "/indptr", rows, {rows.size()}, {"1", "first entry of each row"});
+}
 
 FileCells file_cells(const ImageMesh& mesh) {
   FileCells cells;

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "knothe/files/hdf5.hpp"
 #include "knothe/imaging/mesh/registration.hpp"
 #include "knothe/imaging/series/picture_series.hpp"
 
@@ -29,6 +30,10 @@ void observation_places(const ImageMesh& mesh, const std::optional<PictureFrame>
 void write_displacements(const std::string& path, const PictureSeries& series,
                          const std::vector<PictureResult>& results, const std::optional<PictureFrame>& frame,
                          const std::string& project);
+
+/// A symmetric matrix, both triangles stored, as `name`/data, /indices and /indptr; zeros are left out.
+void write_symmetric(files::Hdf5Writer& file, const std::string& name,
+                     const Eigen::SparseMatrix<double>& matrix, const std::string& units);
 
 /// The cells of such a file: with four nodes where all elements are quadrilaterals, otherwise triangles
 /// (quadrilaterals cut in two).

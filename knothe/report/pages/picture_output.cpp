@@ -23,6 +23,7 @@
 #include "knothe/report/figures/displacement_maps.hpp"
 #include "knothe/report/figures/registration_map.hpp"
 #include "knothe/report/pages/maps_page.hpp"
+#include "knothe/report/pages/stereo_output.hpp"
 
 namespace knothe::report {
 namespace {
@@ -179,14 +180,21 @@ PictureTask picture_task(const std::string& project_file) {
   if (!project.model.empty() && (project.pictures.model_mesh || project::needs_model_outline(project)))
     mesh = model::SeparatedModel::load(project.model).contents().mesh;
   PictureTask task;
+  task.project_text = project.text;
+  if (const project::PictureOptions& p = project.pictures; !p.cameras.empty()) {
+    task.cameras = imaging::StereoOptions{cameras_in_metres(p.cameras, p.camera_unit),
+                                          project::camera_series_options(project)};
+    task.series = task.cameras->series.front();
+    return task;
+  }
   task.registration = project::register_pictures(project, mesh);
   task.series = project::series_options(project, mesh);
   if (project.pictures.frame) task.frame = project::picture_frame_of(project, mesh);
-  task.project_text = project.text;
   return task;
 }
 
 int measure_pictures(const PictureTask& task, const PictureFiles& files, const files::CommandOutput& output) {
+  if (task.cameras) return measure_cameras(*task.cameras, task.project_text, files, output);
   show_registration(task, files);
   PictureOutput written(task, files);
   imaging::PictureSeries series(task.series);

@@ -7,6 +7,7 @@
 #include "knothe/imaging/mesh/outline_registration.hpp"
 #include "knothe/imaging/mesh/registration.hpp"
 #include "knothe/imaging/series/picture_series.hpp"
+#include "knothe/imaging/stereo/stereo_series.hpp"
 
 namespace knothe::report {
 
@@ -15,6 +16,7 @@ struct PictureTask {
   imaging::SeriesOptions series;
   std::optional<imaging::PictureFrame> frame;
   std::optional<imaging::OutlineFit> registration;  ///< where the outline of the body tells the frame
+  std::optional<imaging::StereoOptions> cameras;    ///< several, in place of `series`
   std::string project_text;
 };
 

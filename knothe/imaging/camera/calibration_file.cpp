@@ -1,0 +1,242 @@
+#include "knothe/imaging/camera/calibration_file.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <fstream>
+#include <optional>
+#include <sstream>
+#include <string_view>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
+#include "knothe/files/numbers.hpp"
+
+namespace knothe::imaging {
+namespace {
+
+/// A calibration's text, and the name of its file for messages.
+struct CalibrationText {
+  std::string path, text;
+
+  [[noreturn]] void fail(const std::string& what) const {
+    throw DataError(fmt::format("{}: calibration: {}", path, what));
+  }
+  [[nodiscard]] bool has(std::string_view part) const { return text.find(part) != std::string::npos; }
+};
+
+/// What stands between two marks, the first sought from `from` on; nothing where either is missing.
+std::optional<std::string_view> between(std::string_view text, std::string_view first, std::string_view last,
+                                        std::size_t from = 0) {
+  const std::size_t begin = text.find(first, from);
+  if (begin == std::string_view::npos) return std::nullopt;
+  const std::size_t end = text.find(last, begin + first.size());
+  if (end == std::string_view::npos) return std::nullopt;
+  return text.substr(begin + first.size(), end - begin - first.size());
+}
+
+/// The numbers in a text, parted by blanks, commas and brackets; `key` is for the message.
+std::vector<double> numbers_in(const CalibrationText& file, std::string_view text, const std::string& key) {
+  constexpr std::string_view k_parting = " \t\r\n,[]{}";
+  std::vector<double> numbers;
+  for (std::size_t begin = text.find_first_not_of(k_parting); begin != std::string_view::npos;) {
+    const std::size_t end = std::min(text.find_first_of(k_parting, begin), text.size());
+    const std::string_view word = text.substr(begin, end - begin);
+    const auto number = files::parse_number(word);
+    if (!number || !std::isfinite(*number)) file.fail(fmt::format("{}: '{}' is not a number", key, word));
+    numbers.push_back(*number);
+    begin = text.find_first_not_of(k_parting, end);
+  }
+  return numbers;
+}
+
+void check(const CalibrationText& file, const Camera& camera, Index number) {
+  if (!(camera.fx > 0 && camera.fy > 0))
+    file.fail(
+        fmt::format("camera {}: focal lengths {} and {} px must be positive", number, camera.fx, camera.fy));
+  const Eigen::Matrix3d& r = camera.rotation;
+  if (!((r * r.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-3 && r.determinant() > 0))
+    file.fail(fmt::format("camera {}: the rotation is not one (R Rᵀ ≠ 1): is a number missing?", number));
+}
+
+/// Of a matrix rounded to a few digits the nearest rotation: one step of Newton's for the polar factor,
+/// twice.
+Eigen::Matrix3d orthonormal(Eigen::Matrix3d r) {
+  for (int k = 0; k < 2 && std::abs(r.determinant()) > 0.5; ++k) r = 0.5 * (r + r.inverse().transpose());
+  return r;
+}
+
+/// A matrix of OpenCV's FileStorage, row by row, in YAML or XML; nothing where the key is missing.
+std::optional<std::vector<double>> opencv_matrix(const CalibrationText& file, const std::string& key) {
+  const std::string_view text = file.text;
+  if (text.find("<opencv_storage") != std::string_view::npos) {
+    const auto node = between(text, fmt::format("<{} ", key), fmt::format("</{}>", key));
+    const auto data = node ? between(*node, "<data>", "</data>") : std::nullopt;
+    return data ? std::optional(numbers_in(file, *data, key)) : std::nullopt;
+  }
+  const std::size_t at = text.find(fmt::format("\n{}:", key));
+  if (at == std::string_view::npos) return std::nullopt;
+  const auto data = between(text, "data:", "]", at);
+  if (!data) file.fail(fmt::format("{}: has no data: […]", key));
+  return numbers_in(file, *data, key);
+}
+
+std::vector<double> required(const CalibrationText& file, const std::vector<std::string>& keys,
+                             std::size_t least) {
+  for (const std::string& key : keys)
+    if (const auto found = opencv_matrix(file, key)) {
+      if (found->size() < least)
+        file.fail(fmt::format("{}: {} numbers, {} are needed", key, found->size(), least));
+      return *found;
+    }
+  file.fail(
+      fmt::format("no matrix {}: an OpenCV file of two cameras holds M1, D1, M2, D2, R and T; put "
+                  "intrinsics and extrinsics into one file",
+                  keys.front()));
+}
+
+/// Sets k1 … k6, p1, p2 from OpenCV's order k1, k2, p1, p2, k3, k4, k5, k6, then s1 … s4, τx, τy.
+void set_distortion(const CalibrationText& file, Camera& camera, std::vector<double> d,
+                    const std::string& key) {
+  d.resize(std::max<std::size_t>(d.size(), 14), 0.0);
+  camera.radial = {d[0], d[1], d[4], d[5], d[6], d[7]};
+  camera.tangential = {d[2], d[3]};
+  if (std::any_of(d.begin() + 8, d.end(), [](double value) { return value != 0; }))
+    file.fail(
+        fmt::format("{}: thin-prism or tilt coefficients are not known here; calibrate without "
+                    "CALIB_THIN_PRISM_MODEL and CALIB_TILTED_MODEL",
+                    key));
+}
+
+/// Each name with a number behind it.
+std::vector<std::string> numbered(const std::vector<std::string>& names, Index number) {
+  std::vector<std::string> keys;
+  for (const std::string& name : names) keys.push_back(fmt::format("{}{}", name, number));
+  return keys;
+}
+
+std::vector<Camera> opencv_cameras(const CalibrationText& file) {
+  std::vector<Camera> cameras(2);
+  for (Index c = 0; c < 2; ++c) {
+    const Index n = c + 1;
+    const auto m = required(file, numbered({"M", "K", "cameraMatrix"}, n), 9);
+    Camera& camera = cameras[c];
+    camera.fx = m[0], camera.cx = m[2], camera.fy = m[4], camera.cy = m[5];
+    if (m[1] != 0) file.fail(fmt::format("M{}: OpenCV leaves the skew {} out; set it to 0", n, m[1]));
+    set_distortion(file, camera, required(file, numbered({"D", "distCoeffs"}, n), 4), fmt::format("D{}", n));
+  }
+  const auto r = required(file, {"R"}, 9), t = required(file, {"T"}, 3);
+  cameras[1].rotation = orthonormal(Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r.data()));
+  cameras[1].translation << t[0], t[1], t[2];
+  return cameras;
+}
+
+/// One camera of DICe's parameter lists.
+class DiceList {
+ public:
+  DiceList(const CalibrationText& file, std::string_view text, std::string name)
+      : file_(file), text_(text), name_(std::move(name)) {}
+
+  [[nodiscard]] std::optional<std::string_view> value(const std::string& key) const {
+    const std::size_t at = text_.find(fmt::format("name=\"{}\"", key));
+    return at == std::string_view::npos ? std::nullopt : between(text_, "value=\"", "\"", at);
+  }
+  [[nodiscard]] double number(const std::string& key, double otherwise = 0) const {
+    const auto text = value(key);
+    if (!text) return otherwise;
+    const auto found = numbers_in(file_, *text, fmt::format("{} {}", name_, key));
+    if (found.size() != 1) file_.fail(fmt::format("{} {}: one number is needed", name_, key));
+    return found.front();
+  }
+  /// R of the rows, or of the angles; 1 where there are neither.
+  [[nodiscard]] Eigen::Matrix3d rotation() const {
+    Eigen::Matrix3d r;
+    if (!value("ROW 0")) return rotation_of_angles(number("ALPHA"), number("BETA"), number("GAMMA"));
+    for (int k = 0; k < 3; ++k) {
+      const std::string key = fmt::format("ROW {}", k);
+      const auto found = numbers_in(file_, value(key).value_or(""), fmt::format("{} {}", name_, key));
+      if (found.size() != 3) file_.fail(fmt::format("{} ROW {}: three numbers are needed", name_, k));
+      r.row(k) << found[0], found[1], found[2];
+    }
+    return orthonormal(r);
+  }
+
+ private:
+  const CalibrationText& file_;
+  std::string_view text_;
+  std::string name_;
+};
+
+Camera dice_camera(const CalibrationText& file, std::string_view text, const std::string& name) {
+  const DiceList list(file, text, name);
+  Camera camera;
+  camera.cx = list.number("CX"), camera.cy = list.number("CY");
+  camera.fx = list.number("FX"), camera.fy = list.number("FY");
+  for (Index k = 0; k < 6; ++k) camera.radial[k] = list.number(fmt::format("K{}", k + 1));
+  camera.tangential = {list.number("P1"), list.number("P2")};
+  camera.rotation = list.rotation();
+  camera.translation << list.number("TX"), list.number("TY"), list.number("TZ");
+  for (const char* key : {"S1", "S2", "S3", "S4", "T1", "T2"})
+    if (list.number(key) != 0)
+      file.fail(fmt::format("{} {}: thin-prism and tilt coefficients are not known here; calibrate without",
+                            name, key));
+  // DICe's models other than OpenCV's are left alone: their source says that it is not sure of them.
+  if (list.number("FS") != 0)
+    file.fail(fmt::format("{} FS: DICe leaves the skew out; calibrate without, or set it to 0", name));
+  const bool bends = std::any_of(camera.radial.begin(), camera.radial.end(), [](double k) { return k != 0; });
+  const auto model = list.value("LENS_DISTORTION_MODEL").value_or("NO_LENS_DISTORTION");
+  if (bends && model != "OPENCV_LENS_DISTORTION")
+    file.fail(fmt::format("{}: lens distortion of kind {} is not known here; OPENCV_LENS_DISTORTION is", name,
+                          model));
+  return camera;
+}
+
+std::vector<Camera> dice_cameras(const CalibrationText& file) {
+  const std::string_view text = file.text;
+  std::vector<Camera> cameras;
+  for (;;) {
+    const std::string name = fmt::format("CAMERA {}", cameras.size());
+    const std::size_t begin = text.find(fmt::format("name=\"{}\"", name));
+    if (begin == std::string_view::npos) break;
+    const std::size_t end = text.find("name=\"CAMERA ", begin + 1);
+    cameras.push_back(dice_camera(file, text.substr(begin, end - begin), name));
+  }
+  const DiceList whole(file, text, "file");
+  if (whole.value("extrinsics_relative_camera_to_camera") == "true" && !cameras.empty() &&
+      (!cameras[0].rotation.isIdentity() || !cameras[0].translation.isZero()))
+    file.fail(
+        "extrinsics_relative_camera_to_camera with a first camera that is not at the origin is not "
+        "known here; save the poses relative to the world");
+  return cameras;
+}
+
+}  // namespace
+
+std::vector<Camera> read_cameras(const std::string& path) {
+  std::ifstream stream(path, std::ios::binary);
+  std::ostringstream content;
+  content << "\n";  // so that every key begins a line
+  content << stream.rdbuf();
+  const CalibrationText file{path, content.str()};
+  if (!stream.is_open()) file.fail("the file cannot be read: is its name right?");
+  std::vector<Camera> cameras;
+  if (file.has("<opencv_storage") || file.has("opencv-matrix"))
+    cameras = opencv_cameras(file);
+  else if (file.has("DICe_xml_camera_system_file"))
+    cameras = dice_cameras(file);
+  else if (file.has("DICe_XML_Calibration_File"))
+    file.fail("this is DICe's form of before 2020; open and save it with a DICe of today");
+  else if (file.has("<orientation>"))
+    file.fail(
+        "this is a project of VIC-3D, whose model of the lens is not published; calibrate with OpenCV or "
+        "DICe from the same pictures of the target");
+  else
+    file.fail("no calibration that is known: OpenCV's .yaml or .xml of two cameras, or DICe's .xml");
+  if (cameras.size() < 2)
+    file.fail(fmt::format("{} camera(s) found; two or more are needed", cameras.size()));
+  for (Index c = 0; c < std::ssize(cameras); ++c) check(file, cameras[c], c);
+  return cameras;
+}
+
+}  // namespace knothe::imaging

@@ -1,0 +1,20 @@
+#pragma once
+/// @file Calibrations of other programs as cameras.
+#include <string>
+#include <vector>
+
+#include "knothe/imaging/camera/camera.hpp"
+
+namespace knothe::imaging {
+
+/// The cameras in a calibration file, two or more, in its order and unit of length. The format is told from
+/// the content:
+/// - OpenCV's FileStorage (.yaml, .xml) with M1, D1, M2, D2, R, T as its stereo calibration writes them (or
+///   cameraMatrix1, distCoeffs1 …): the world is the first camera, X_2 = R X_1 + T;
+/// - DICe's camera system (.xml): R by rows or angles, t, world to camera; OpenCV's distortion.
+/// Errors: DataError naming file, key and remedy: what cannot be read, lacks a key, or has coefficients that
+/// Camera does not have (thin prism, tilted sensor) or whose meaning is not known with certainty (VIC-3D's
+/// and DICe's other models of distortion).
+[[nodiscard]] std::vector<Camera> read_cameras(const std::string& path);
+
+}  // namespace knothe::imaging

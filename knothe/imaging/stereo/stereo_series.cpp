@@ -1,0 +1,119 @@
+#include "knothe/imaging/stereo/stereo_series.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+
+#include "knothe/base/error.hpp"
+#include "knothe/imaging/correlation/correlation_noise.hpp"
+
+namespace knothe::imaging {
+namespace {
+
+void check_stereo(const StereoOptions& options) {
+  if (options.series.size() < 2 || options.series.size() != options.cameras.size())
+    throw UsageError(fmt::format(
+        "the calibration has {} cameras, and there are pictures of {}: give the pictures of each camera",
+        options.cameras.size(), options.series.size()));
+  for (const SeriesOptions& s : options.series) {
+    if (s.pictures.size() != options.series.front().pictures.size())
+      throw UsageError(fmt::format("{} pictures of one camera and {} of another: one of each at every time",
+                                   options.series.front().pictures.size(), s.pictures.size()));
+    if (s.crack || s.drift != Drift::none || s.reference_update > 0 || s.correlation.regularisation > 0)
+      throw UsageError(
+          "crack, drift, reference_update and regularisation are for one camera: leave them out with "
+          "cameras");
+  }
+}
+
+/// The reference of one camera: the mean, if there are several.
+files::Picture reference_of(const SeriesOptions& options) {
+  std::vector<files::Picture> pictures;
+  for (const std::string& name : options.references)
+    pictures.push_back(files::read_picture(name, options.colour));
+  return averaged(pictures, options.references);
+}
+
+/// The first camera's mesh and settings, before the shape is known.
+PictureSeries first_look(SeriesOptions options) {
+  options.pictures.clear(), options.times.clear();
+  return PictureSeries(std::move(options));
+}
+
+}  // namespace
+
+StereoSeries::StereoSeries(StereoOptions options) : options_(std::move(options)) {
+  check_stereo(options_);
+  {
+    const PictureSeries first = first_look(options_.series.front());
+    std::vector<files::Picture> references{first.correlation().reference()};
+    for (auto s = options_.series.begin() + 1; s != options_.series.end(); ++s)
+      references.push_back(reference_of(*s));
+    surface_ = find_surface(options_.cameras, references, first.correlation().mesh(),
+                            first.options().correlation, options_.epipolar_bound);
+  }
+  for (Index c = 0; c < std::ssize(options_.series); ++c) {
+    SeriesOptions s = options_.series[c];
+    s.mesh = surface_.meshes[c], s.outline_margin = 0, s.region.reset(), s.mask.clear();
+    series_.push_back(std::make_unique<PictureSeries>(std::move(s)));
+    if (series_.back()->correlation().mesh().node_count() != surface_.points.cols())
+      throw UsageError(fmt::format(
+          "camera {} sees only a part of the region: choose \"roi\" or a mask where all views overlap", c));
+  }
+}
+
+StereoResult StereoSeries::next() {
+  StereoResult result;
+  std::vector<double> gamma;
+  for (const auto& series : series_) {
+    result.pictures.push_back(series->next());
+    const PictureResult& picture = result.pictures.back();
+    result.index = picture.index, result.elapsed_ms += picture.elapsed_ms;
+    gamma.push_back(picture.noise);
+    if (picture.missing && !result.missing) result.missing = true, result.message = picture.message;
+  }
+  if (result.missing) return result;
+  const auto start = std::chrono::steady_clock::now();
+  try {
+    result.motion = motion(result, gamma);
+    if (!(result.motion.epipolar_rms <= options_.epipolar_bound)) {
+      result.message = fmt::format(
+          "{}: the cameras' displacements contradict each other by {:.3g} px (root mean square): were the "
+          "pictures taken at the same time, and did no camera move?",
+          result.pictures.front().picture, result.motion.epipolar_rms);
+      result.missing = true, result.motion = {};
+    }
+  } catch (const Error& error) {
+    result.missing = true;
+    result.message = fmt::format("{}: {}", result.pictures.front().picture, error.what());
+  }
+  result.elapsed_ms +=
+      std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  return result;
+}
+
+SurfaceMotion StereoSeries::motion(const StereoResult& result, const std::vector<double>& gamma) const {
+  std::vector<CameraMotion> motions;
+  for (Index c = 0; c < std::ssize(series_); ++c) {
+    const CorrelationResult& r = result.pictures[c].correlation;
+    motions.push_back({r.displacement, series_[c]->precision(r.element_valid, gamma[c], r.gain).matrix,
+                       measured_nodes(surface_.meshes[c], r.element_valid)});
+  }
+  return surface_motion(options_.cameras, surface_.points, motions);
+}
+
+Eigen::SparseMatrix<double> StereoSeries::precision(const StereoResult& result,
+                                                    const std::vector<double>& gamma) const {
+  return motion(result, gamma).precision;
+}
+
+std::vector<char> StereoSeries::valid_elements(const StereoResult& result) const {
+  std::vector<char> valid(surface_.meshes.front().elements.size(), result.missing ? 0 : 1);
+  for (const PictureResult& picture : result.pictures)
+    for (Index e = 0; e < std::ssize(valid) && !result.missing; ++e)
+      valid[e] &= picture.correlation.element_valid[e];
+  return valid;
+}
+
+}  // namespace knothe::imaging

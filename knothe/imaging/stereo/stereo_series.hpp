@@ -1,0 +1,65 @@
+#pragma once
+/// @file Many sets of pictures of one test, each taken by two or more cameras at once.
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "knothe/imaging/series/picture_series.hpp"
+#include "knothe/imaging/stereo/stereo_surface.hpp"
+
+namespace knothe::imaging {
+
+struct StereoOptions {
+  std::vector<Camera> cameras;  ///< in metres
+  /// Of each camera, as many pictures each; region, mesh and elements are those of the first, in its px.
+  std::vector<SeriesOptions> series;
+  double epipolar_bound = 0.5;  ///< px; lines of sight that miss each other by more are refused
+};
+
+/// What came of one set of pictures.
+struct StereoResult {
+  std::size_t index = 0;
+  bool missing = false;  ///< `message` says why, and what to do
+  std::string message;
+  std::vector<PictureResult> pictures;  ///< of each camera
+  SurfaceMotion motion;                 ///< m; all empty if missing
+  double elapsed_ms = 0;                ///< reading not counted
+};
+
+/// The correlation of such a test, set by set.
+class StereoSeries {
+ public:
+  /// Finds the shape of the surface from the references. Errors: those of PictureSeries and find_surface;
+  /// UsageError where the cameras' pictures differ in number, and for what is not possible with cameras:
+  /// cracks, drift, another reference, regularisation.
+  explicit StereoSeries(StereoOptions options);
+
+  [[nodiscard]] const StereoOptions& options() const { return options_; }
+  [[nodiscard]] const StereoSurface& surface() const { return surface_; }
+  [[nodiscard]] const PictureSeries& camera(Index c) const { return *series_[c]; }
+  [[nodiscard]] bool done() const { return series_.front()->done(); }
+  /// The next set. Never throws for bad pictures: a set is missing if a picture of it is.
+  [[nodiscard]] StereoResult next();
+  /// Precision (1/m²) of the displacements of a set for noise γ_c (grey levels) of each camera's picture.
+  [[nodiscard]] Eigen::SparseMatrix<double> precision(const StereoResult& result,
+                                                      const std::vector<double>& gamma) const;
+  /// Elements that all cameras measured.
+  [[nodiscard]] std::vector<char> valid_elements(const StereoResult& result) const;
+
+ private:
+  [[nodiscard]] SurfaceMotion motion(const StereoResult& result, const std::vector<double>& gamma) const;
+
+  StereoOptions options_;
+  StereoSurface surface_;
+  std::vector<std::unique_ptr<PictureSeries>> series_;
+};
+
+/// HDF5 in the form of measurements (docs/reference/formats.md): three components a node, m, in the frame of
+/// the calibration; an entry of results a time. `project` is the project file's text. Errors: IoError.
+void write_stereo_displacements(const std::string& path, const StereoSeries& series,
+                                const std::vector<StereoResult>& results, const std::string& project);
+
+/// Shape, displacement, its standard deviation (m) and validity of one set for ParaView. Errors: IoError.
+void write_stereo_vtu(const std::string& path, const StereoSeries& series, const StereoResult& result);
+
+}  // namespace knothe::imaging

@@ -1,0 +1,253 @@
+// Shape and motion of drawn surfaces that are known exactly, and of a real pair.
+#include "knothe/imaging/stereo/stereo_surface.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <filesystem>
+#include <random>
+
+#include "knothe/base/error.hpp"
+#include "knothe/base/testing/long_form.hpp"
+#include "knothe/files/testing/recorded_data.hpp"
+#include "knothe/files/testing/test_folder.hpp"
+#include "knothe/imaging/correlation/correlation_noise.hpp"
+#include "knothe/imaging/stereo/drawn_view.hpp"
+
+namespace knothe::imaging {
+namespace {
+
+constexpr double k_mm_per_px = 0.1;
+
+/// Two cameras 25° apart, 1 m from a surface of 0.1 mm per px, with distortion of up to 2 px.
+std::vector<Camera> two_cameras(int width, int height) {
+  std::vector<Camera> cameras(2);
+  for (Index c = 0; c < 2; ++c) {
+    Camera& camera = cameras[c];
+    camera.fx = 10000, camera.fy = 10010, camera.skew = 0.4;
+    camera.cx = width / 2.0 + 3.0 * c, camera.cy = height / 2.0 - 2.0 * c;
+    camera.radial = {c == 0 ? -40.0 : 30.0, 2000, 0, 0, 0, 0}, camera.tangential = {0.002, -0.003};
+    camera.rotation = rotation_of_angles(1.0 - c, c == 0 ? 12.5 : -12.5, 0.5 * c);
+    camera.translation << 0.2, -0.1, 1000;
+  }
+  return cameras;
+}
+
+/// A surface with `motion`, drawn by both cameras.
+struct Scene {
+  int width = 200, height = 170;
+  double curvature = 0;  ///< 1/mm
+  std::vector<Camera> cameras = two_cameras(width, height);
+  SpecklePattern pattern{{.width = width, .height = height, .margin = 120}};
+
+  [[nodiscard]] Eigen::Vector3d place(double s, double t) const {
+    const double x = k_mm_per_px * (s - width / 2.0), y = k_mm_per_px * (t - height / 2.0);
+    return {x, y, 0.5 * curvature * x * x + 0.05 * y};
+  }
+  using Motion = std::function<Eigen::Vector3d(const Eigen::Vector3d&)>;
+  [[nodiscard]] std::vector<files::Picture> draw(const Motion& motion) const {
+    std::vector<files::Picture> pictures;
+    for (const Camera& camera : cameras)
+      pictures.push_back(drawn_view(camera, width, height, pattern, [&](double s, double t) {
+        const Eigen::Vector3d x = place(s, t);
+        return Eigen::Vector3d(x + motion(x));
+      }));
+    return pictures;
+  }
+  [[nodiscard]] std::vector<files::Picture> reference() const {
+    return draw([](const auto&) { return Eigen::Vector3d::Zero(); });
+  }
+};
+
+files::Picture noisy(files::Picture picture, double std, unsigned seed) {
+  std::mt19937_64 generator(seed);
+  std::normal_distribution<float> noise(0, static_cast<float>(std));
+  for (float& pixel : picture.pixels) pixel += noise(generator);
+  return picture;
+}
+
+/// What the cameras measure between two sets of pictures, for noise γ (0: of the residual).
+std::vector<CameraMotion> motions_of(const StereoSurface& surface, const std::vector<files::Picture>& before,
+                                     const std::vector<files::Picture>& after, double gamma) {
+  std::vector<CameraMotion> motions;
+  for (Index c = 0; c < std::ssize(before); ++c) {
+    ImageCorrelation correlation(before[c], surface.meshes[c], {.brightness = Brightness::none});
+    const auto r = correlation.correlate(after[c], Eigen::VectorXd::Zero(2 * surface.points.cols()));
+    EXPECT_TRUE(r.converged) << r.message;
+    const double noise = gamma > 0 ? gamma : noise_from_residual(correlation, r);
+    motions.push_back({r.displacement, displacement_precision(correlation, r.element_valid, noise).matrix,
+                       measured_nodes(surface.meshes[c], r.element_valid)});
+  }
+  return motions;
+}
+
+const ImageMesh& mesh_of_scene() {
+  static const ImageMesh mesh = structured_mesh({25, 25, 172, 142}, 25);
+  return mesh;
+}
+
+TEST(StereoSurface, ShapeAndMotionAreThoseDrawn) {
+  for (const double curvature : {0.0, 0.01}) {
+    Scene scene;
+    scene.curvature = curvature;
+    const auto before = scene.reference();
+    const StereoSurface surface = find_surface(scene.cameras, before, mesh_of_scene());
+    ASSERT_GE(surface.points.cols(), 30);
+    EXPECT_LT(surface.epipolar_rms, 0.02);
+    for (Index a = 0; a < surface.points.cols(); ++a) {
+      const Eigen::Vector3d x = surface.points.col(a);
+      EXPECT_NEAR(x.z(), 0.5 * curvature * x.x() * x.x() + 0.05 * x.y(), 0.02) << x.transpose();  // mm
+    }
+    const Eigen::Matrix3d turn = Eigen::AngleAxisd(0.01, Eigen::Vector3d(1, -2, 1).normalized()).matrix();
+    const auto motion = [&](const Eigen::Vector3d& x) -> Eigen::Vector3d {
+      return turn * x - x + Eigen::Vector3d(0.037, -0.021, 0.18);
+    };
+    const SurfaceMotion found =
+        surface_motion(scene.cameras, surface.points, motions_of(surface, before, scene.draw(motion), 1));
+    Eigen::Vector3d bias = Eigen::Vector3d::Zero();
+    for (Index a = 0; a < surface.points.cols(); ++a) {
+      const Eigen::Vector3d e = found.displacement.segment<3>(3 * a) - motion(surface.points.col(a));
+      bias += e / surface.points.cols();
+      EXPECT_LT(e.norm(), 0.01 * k_mm_per_px * 5) << e.transpose();
+    }
+    EXPECT_LT(bias.cwiseAbs().maxCoeff(), 0.005 * k_mm_per_px) << bias.transpose();
+    EXPECT_LT(found.epipolar_rms, 0.01);
+    RecordProperty("bias_um", std::to_string(1000 * bias.cwiseAbs().maxCoeff()));
+  }
+}
+
+TEST(StereoSurface, AMillimetreTowardsTheCamerasIsNoStrain) {
+  const Scene scene;
+  const auto before = scene.reference();
+  const StereoSurface surface = find_surface(scene.cameras, before, mesh_of_scene());
+  const auto after = scene.draw([](const auto&) { return Eigen::Vector3d(0, 0, -1); });
+  const auto motions = motions_of(surface, before, after, 1);
+  const SurfaceMotion found = surface_motion(scene.cameras, surface.points, motions);
+  // Mean strain along x: the slope of u over x, by least squares; of one camera, of its px.
+  const auto slope = [&](const auto& x, const auto& u) {
+    double mean = 0, xx = 0, xu = 0;
+    for (Index a = 0; a < surface.points.cols(); ++a) mean += x(a) / surface.points.cols();
+    for (Index a = 0; a < surface.points.cols(); ++a)
+      xx += (x(a) - mean) * (x(a) - mean), xu += (x(a) - mean) * u(a);
+    return xu / xx;
+  };
+  const double seen = slope([&](Index a) { return surface.points(0, a); },
+                            [&](Index a) { return found.displacement[3 * a]; }),
+               one_camera = slope([&](Index a) { return surface.meshes[0].y[a]; },
+                                  [&](Index a) { return motions[0].displacement[2 * a + 1]; });
+  EXPECT_LT(std::abs(seen), 50e-6);
+  EXPECT_NEAR(one_camera, 1e-3, 1e-4);
+  RecordProperty("false_strain_microstrain", std::to_string(1e6 * seen));
+}
+
+TEST(StereoSurface, TheErrorsAreThoseOfThePrecision) {
+  const Scene scene;
+  const auto before = scene.reference();
+  const StereoSurface surface = find_surface(scene.cameras, before, mesh_of_scene());
+  const double noise = 2, count = test::long_form() ? 100 : 24;
+  double errors = 0, misfit = 0, values = 0, redundancy = 0;
+  for (unsigned k = 0; k < count; ++k) {
+    std::vector<files::Picture> first, second;
+    for (unsigned c = 0; c < 2; ++c) {
+      first.push_back(noisy(before[c], noise, 1000 + 2 * k + c));
+      second.push_back(noisy(before[c], noise, 5000 + 2 * k + c));
+    }
+    const SurfaceMotion found =
+        surface_motion(scene.cameras, surface.points, motions_of(surface, first, second, noise));
+    errors += found.displacement.dot(found.precision * found.displacement);
+    values += found.displacement.size();
+    misfit += found.chi_square, redundancy += found.redundancy;
+  }
+  const double tolerance =
+      test::long_form() ? 0.05 : 0.1;  // 24 draws of 126 values: standard deviation 0.026
+  EXPECT_NEAR(errors / values, 1, tolerance);
+  EXPECT_NEAR(misfit / redundancy, 1, 2 * tolerance);
+  RecordProperty("mean_over_values", std::to_string(errors / values));
+  RecordProperty("chi_square_over_redundancy", std::to_string(misfit / redundancy));
+}
+
+TEST(StereoSurface, NodesThatOneCameraLostAreNotMeasured) {
+  const Scene scene;
+  const auto before = scene.reference();
+  const StereoSurface surface = find_surface(scene.cameras, before, mesh_of_scene());
+  auto motions = motions_of(surface, before, before, 1);
+  Eigen::SparseMatrix<double>& p = motions[1].precision;
+  for (int i = 0; i < 2; ++i)
+    for (Index j = 0; j < p.rows(); ++j)
+      if (p.coeff(i, j) != 0) p.coeffRef(i, j) = 0, p.coeffRef(j, i) = 0;
+  motions[1].measured[0] = 0;
+  const SurfaceMotion found = surface_motion(scene.cameras, surface.points, motions);
+  EXPECT_EQ(found.measured[0], 0);
+  EXPECT_EQ(found.redundancy, surface.points.cols() - 1);
+  EXPECT_EQ(found.std[0], 0);
+  EXPECT_GT(found.std[3], 0);
+  EXPECT_TRUE(found.displacement.allFinite());
+}
+
+TEST(StereoSurface, AWrongCalibrationIsRefused) {
+  const Scene scene;
+  auto cameras = scene.cameras;
+  cameras[1].cy += 3;
+  const std::string message =
+      files::message_of<DataError>([&] { (void)find_surface(cameras, scene.reference(), mesh_of_scene()); });
+  EXPECT_NE(message.find("the calibration does not belong to these pictures"), std::string::npos) << message;
+}
+
+/// Cameras of stereo_gt4 as its README has them.
+std::vector<Camera> cameras_of_gt4() {
+  std::vector<Camera> cameras(2);
+  Camera &a = cameras[0], &b = cameras[1];
+  a.cx = 955.0537385, a.cy = 645.2301624, a.fx = 6636.033383, a.fy = 6636.440175, a.skew = -5.693077075e-4;
+  a.radial = {-1.957515272e-4, 0.8739544595, -26.91426143, 0, 0, 0};
+  a.rotation = rotation_of_angles(179.9332210, 9.415993919, -0.05775865407);
+  a.translation << -58.20738494, 0.1641145944, 20.16820788;
+  b.cx = 971.3275619, b.cy = 615.7965508, b.fx = 6609.847619, b.fy = 6609.166930, b.skew = 0.7051020868;
+  b.radial = {-5.225966870e-3, 1.077694686, -30.05404073, 0, 0, 0};
+  b.rotation = rotation_of_angles(-179.9418875, -9.416050875, 0.04747312256);
+  b.translation << 59.84373321, 0.2184759676, 21.04719884;
+  return cameras;
+}
+
+TEST(StereoSurface, TheRealPairAgreesWithAPeer) {
+  const std::string folder = files::recorded_data("stereo_gt4");
+  if (!std::filesystem::exists(folder))
+    GTEST_SKIP() << folder << " is not there: set KNOTHE_DATA to the folder of recorded data";
+  std::vector<files::Picture> before, after;
+  for (const char* c : {"0", "1"}) {
+    before.push_back(files::read_picture(folder + "GT4-0000_" + c + ".tif"));
+    after.push_back(files::read_picture(folder + "GT4-0003_" + c + ".tif"));
+  }
+  const auto cameras = cameras_of_gt4();
+  const StereoSurface surface = find_surface(cameras, before, structured_mesh({600, 300, 1200, 900}, 40));
+  EXPECT_LT(surface.epipolar_rms, 0.3);
+  const SurfaceMotion found = surface_motion(cameras, surface.points, motions_of(surface, before, after, 0));
+  EXPECT_LT(found.epipolar_rms, 0.03);
+  RecordProperty("epipolar_px", std::to_string(surface.epipolar_rms));
+  RecordProperty("epipolar_of_motion_px", std::to_string(found.epipolar_rms));
+  const ImageMesh& mesh = surface.meshes[0];
+  Eigen::VectorXd moved(2 * mesh.node_count()), disparity(2 * mesh.node_count());
+  for (int a = 0; a < mesh.node_count(); ++a) {
+    const Eigen::Vector3d x = surface.points.col(a), u = found.displacement.segment<3>(3 * a);
+    moved.segment<2>(2 * a) = cameras[0].project(x + u).pixel - cameras[0].project(x).pixel;
+    disparity.segment<2>(2 * a) << surface.meshes[1].x[a] - mesh.x[a], surface.meshes[1].y[a] - mesh.y[a];
+    EXPECT_LT(u.norm(), 0.02 + 5 * found.std.segment<3>(3 * a).norm()) << "mm, node " << a;
+  }
+  // DICe's regression result (stereo_d_spec, DICe_solution_3.txt): x, y, its place in the right picture less
+  // that in the left, and the displacement in the left picture; px.
+  const Eigen::Matrix<double, 8, 6> peer{
+      {624, 524, -26.147, -44.242, 0.063826, -0.042241},  {724, 624, -23.696, -42.676, 0.059201, -0.045554},
+      {824, 624, -21.825, -42.388, 0.053123, -0.044964},  {824, 724, -22.311, -42.205, 0.051721, -0.046203},
+      {924, 624, -21.008, -42.064, 0.049363, -0.044379},  {1024, 724, -21.603, -42.574, 0.053004, -0.047536},
+      {1124, 624, -22.346, -41.442, 0.045699, -0.048325}, {1124, 824, -23.258, -44.077, 0.045087, -0.051081}};
+  std::vector<char> inside;
+  const Eigen::MatrixXd shift = interpolate(mesh, moved, peer.leftCols<2>(), inside),
+                        across = interpolate(mesh, disparity, peer.leftCols<2>(), inside);
+  const double of_shift = std::sqrt((shift - peer.rightCols<2>()).squaredNorm() / 16),
+               of_place = std::sqrt((across - peer.middleCols<2>(2)).squaredNorm() / 16);
+  EXPECT_LT(of_shift, 0.008);
+  EXPECT_LT(of_place, 0.15);  // lines of sight miss each other by as much
+  RecordProperty("rms_to_peer_px", std::to_string(of_shift));
+}
+
+}  // namespace
+}  // namespace knothe::imaging

@@ -1,0 +1,109 @@
+#include "knothe/report/pages/stereo_output.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "knothe/base/cancellation.hpp"
+#include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
+#include "knothe/base/progress.hpp"
+#include "knothe/files/vtu.hpp"
+#include "knothe/imaging/camera/calibration_file.hpp"
+#include "knothe/imaging/correlation/correlation_noise.hpp"
+#include "knothe/imaging/series/displacement_files.hpp"
+#include "knothe/record/picture_record.hpp"
+
+namespace knothe::report {
+namespace {
+
+namespace fs = std::filesystem;
+
+void check_stereo_files(const PictureFiles& files, std::size_t pictures) {
+  if (!files.at.empty() || !files.maps.empty() || !files.table.empty() || files.std || files.resume)
+    throw UsageError("--at, --std, --maps, --table and --resume are for one camera; with --cameras use -o");
+  const auto ends = [&](const char* ending) { return files.output.ends_with(ending); };
+  if (!files.output.empty() && !ends(".h5") && !ends(".vtu") && !ends(".pvd"))
+    throw UsageError(fmt::format("-o {}: takes .h5, .vtu or .pvd", files.output));
+  if (ends(".vtu") && pictures > 1) throw UsageError("-o: several pictures need a series, .pvd");
+}
+
+/// The fields of each set as they come.
+void write_fields(const PictureFiles& files, const imaging::StereoSeries& series,
+                  const imaging::StereoResult& result, std::vector<files::PvdEntry>& entries) {
+  if (result.missing) return;
+  if (files.output.ends_with(".vtu")) imaging::write_stereo_vtu(files.output, series, result);
+  if (!files.output.ends_with(".pvd")) return;
+  const fs::path output = files.output;
+  const std::string name = fmt::format("{}_{}.vtu", output.stem().string(), result.index);
+  imaging::write_stereo_vtu((output.parent_path() / name).string(), series, result);
+  entries.push_back({imaging::time_of(series.camera(0), result.index), name});
+  files::write_pvd(entries, files.output);
+}
+
+int stereo_status(const std::vector<imaging::StereoResult>& results) {
+  const auto any = [&](auto&& holds) { return std::any_of(results.begin(), results.end(), holds); };
+  if (any([](const auto& r) { return !r.missing; })) return 0;
+  const bool read = any([](const auto& r) {
+    return std::all_of(r.pictures.begin(), r.pictures.end(),
+                       [](const auto& p) { return p.correlation.iterations > 0; });
+  });
+  return static_cast<int>(read ? ExitStatus::numerical : ExitStatus::data);
+}
+
+}  // namespace
+
+std::vector<imaging::Camera> cameras_in_metres(const std::string& path, double unit) {
+  std::vector<imaging::Camera> cameras = imaging::read_cameras(path);
+  for (imaging::Camera& camera : cameras) camera.translation *= unit;
+  return cameras;
+}
+
+std::vector<imaging::SeriesOptions> listed_series(const imaging::SeriesOptions& first,
+                                                  const std::vector<std::string>& others) {
+  const Index each = 1 + std::ssize(first.pictures), count = std::ssize(others);
+  if (count == 0 || count % each != 0)
+    throw UsageError(
+        fmt::format("--other takes the pictures of the further cameras, {} of each: its reference, "
+                    "then the deformed ones in the same order; {} are given",
+                    each, count));
+  std::vector<imaging::SeriesOptions> cameras{first};
+  for (auto at = others.begin(); at != others.end(); at += each) {
+    cameras.push_back(first);
+    cameras.back().references = {*at};
+    cameras.back().pictures.assign(at + 1, at + each);
+  }
+  return cameras;
+}
+
+int measure_cameras(const imaging::StereoOptions& task, const std::string& project_text,
+                    const PictureFiles& files, const files::CommandOutput& output) {
+  check_stereo_files(files, task.series.front().pictures.size());
+  imaging::StereoSeries series(task);
+  fmt::print(stderr, "{} cameras, {} nodes; lines of sight miss each other by {:.3g} px (root mean square)\n",
+             task.cameras.size(), series.surface().points.cols(), series.surface().epipolar_rms);
+  std::vector<imaging::StereoResult> results;
+  std::vector<files::PvdEntry> entries;
+  {
+    Progress progress("pictures", task.series.front().pictures.size());
+    while (!series.done() && !cancellation_requested()) {
+      results.push_back(series.next());
+      imaging::StereoResult& r = results.back();
+      if (r.missing) fmt::print(stderr, "{}\n", r.message);
+      output.line(record::stereo_record(series, r), record::stereo_text(r));
+      write_fields(files, series, r, entries);
+      r.motion.precision = {};  // made again for the file: it is larger than all else
+      progress.advance_to(results.size());
+    }
+  }
+  const int status = stereo_status(results);
+  if ((status == 0 || cancellation_requested()) && files.output.ends_with(".h5"))
+    imaging::write_stereo_displacements(files.output, series, results, project_text);
+  if (!series.done()) throw Interrupted(fmt::format("interrupted after {} sets of pictures", results.size()));
+  return status;
+}
+
+}  // namespace knothe::report
