@@ -136,6 +136,13 @@ TEST(CalibrationFile, OneSystemInTwoFormatsIsOneSystem) {
   }
 }
 
+TEST(CalibrationFile, AttributesOfDiceMayStandInAnyOrder) {
+  std::string text = k_dice;
+  const std::string tag = R"(name="FX" type="double" value="2468.528613")";
+  text.replace(text.find(tag), tag.size(), R"(value="2468.528613" type="double" name="FX")");
+  EXPECT_EQ(cameras_of(text.c_str())[0].fx, 2468.528613);
+}
+
 TEST(CalibrationFile, OpenCvXmlHasTheOrderOfItsCoefficients) {
   std::string text = "<?xml version=\"1.0\"?>\n<opencv_storage>\n";
   const auto matrix = [](const std::string& name, const std::string& data) {
@@ -165,6 +172,9 @@ TEST(CalibrationFile, ErrorsNameKeyAndRemedy) {
   std::string other = k_dice;
   other.replace(other.find("OPENCV_LENS"), 11, "K1R1_K2R2_K");
   EXPECT_NE(message(other).find("OPENCV_LENS_DISTORTION is"), std::string::npos) << message(other);
+  std::string part = k_dice;
+  part.replace(part.find("\"CX\""), 4, "\"C\"");
+  EXPECT_NE(message(part).find("CAMERA 0: CX is missing"), std::string::npos) << message(part);
   EXPECT_NE(message("<html>").find("no calibration that is known"), std::string::npos);
   EXPECT_NE(message("<camera id=\"0\"><orientation>").find("not published"), std::string::npos);
   std::string skew = k_dice;
