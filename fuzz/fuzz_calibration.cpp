@@ -1,4 +1,5 @@
-/// @file Calibrations of cameras, OpenCV's and DICe's: what is accepted has sights for its pictures, or says not.
+/// @file Calibrations of cameras, OpenCV's and DICe's: what is accepted has sights for its pictures, or says
+/// not.
 #include "fuzz/support.hpp"
 #include "knothe/imaging/camera/calibration_file.hpp"
 

@@ -45,6 +45,19 @@ TEST(Camera, ItsJacobianIsThatOfDifferences) {
   }
 }
 
+TEST(Camera, ItsChangesByParametersAreThoseOfDifferences) {
+  const Camera camera = bent_camera();
+  const Eigen::Vector3d at(120, -90, 40);
+  const auto jacobian = camera.parameter_jacobian(at);
+  for (int k = 0; k < k_camera_parameters; ++k) {
+    const double h = 1e-5 * std::max(1.0, std::abs(jacobian.col(k).norm()) > 100 ? 0.1 : 1.0);
+    const CameraChange step = h * CameraChange::Unit(k);
+    const Eigen::Vector2d slope =
+        (camera.changed(step).project(at).pixel - camera.changed(-step).project(at).pixel) / (2 * h);
+    EXPECT_LT((slope - jacobian.col(k)).norm(), 1e-6 * (1 + jacobian.col(k).norm())) << k;
+  }
+}
+
 TEST(Camera, LinesOfSightMeetThePointTheyShow) {
   const Camera camera = bent_camera();
   for (const double x : {-200.0, 0.0, 150.0})
