@@ -149,9 +149,8 @@ void write_table(const PictureTask& task, const PictureFiles& files, const imagi
 
 int exit_status(const std::vector<PictureResult>& results) {
   const auto any = [&](auto&& holds) { return std::any_of(results.begin(), results.end(), holds); };
-  if (any([](const auto& r) { return !r.missing; })) return 0;
-  const bool read = any([](const auto& r) { return r.correlation.iterations > 0; });
-  return static_cast<int>(read ? ExitStatus::numerical : ExitStatus::data);
+  return exit_status(any([](const auto& r) { return !r.missing; }),
+                     any([](const auto& r) { return r.correlation.iterations > 0; }));
 }
 
 /// What an earlier run left in the output file; the series goes on behind it.
