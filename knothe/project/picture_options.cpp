@@ -352,7 +352,7 @@ imaging::SeriesOptions series_options(const Project& project) {
 std::vector<imaging::SeriesOptions> camera_series_options(const Project& project) {
   std::vector<imaging::SeriesOptions> cameras{series_options(project)};
   for (const std::string& folder : project.pictures.other_folders) {
-    imaging::PictureFolder found = imaging::list_pictures(folder, {});
+    imaging::PictureFolder found = imaging::list_pictures(folder, project.pictures.references);
     imaging::SeriesOptions series = cameras.front();
     series.references = std::move(found.references), series.pictures = std::move(found.pictures);
     cameras.push_back(std::move(series));

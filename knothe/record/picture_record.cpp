@@ -122,13 +122,12 @@ nlohmann::ordered_json stereo_record(const imaging::StereoSeries& series, const 
                                  {"elements_rejected", std::count(valid.begin(), valid.end(), 0)},
                                  {"elapsed_ms", r.elapsed_ms},
                                  {"noise_std_px", noise},
-                                 {"epipolar_rms_px", r.motion.epipolar_rms},
                                  {"surface_epipolar_rms_px", series.surface().epipolar_rms},
                                  {"missing", r.missing}};
   if (r.missing)
     line["message"] = r.message;
   else
-    line["noise_std_m"] = mean_deviation(r.motion),
+    line["noise_std_m"] = mean_deviation(r.motion), line["epipolar_rms_px"] = r.motion.epipolar_rms,
     line["chi_square_per_value"] = r.motion.chi_square / r.motion.redundancy;
   return line;
 }

@@ -28,13 +28,6 @@ constexpr double k_rejected_growth = 0.1;  // of the elements, the same
 constexpr double k_moved = 0.05;  // of the variance of the difference of two references: `share_of_motion`
 constexpr double k_foreign_residual = 0.75;  // of the contrast: the picture shows another surface
 
-/// A mask as it was drawn: what a lossy format (which its remark names) has blurred is black or bright again.
-files::Picture sharp(files::Picture mask) {
-  const float threshold = mask.remark.empty() ? 0 : mask.maximum / 2;
-  for (float& level : mask.pixels) level = level > threshold ? mask.maximum : 0;
-  return mask;
-}
-
 Region region_of(const files::Picture& mask) {
   const double width = mask.width, height = mask.height;
   Region box{width, height, -1, -1};
@@ -72,6 +65,13 @@ bool is_better(const CorrelationResult& a, const CorrelationResult& b) {
 
 }  // namespace
 
+files::Picture read_mask(const std::string& path) {
+  files::Picture mask = files::read_picture(path);
+  const float threshold = mask.remark.empty() ? 0 : mask.maximum / 2;
+  for (float& level : mask.pixels) level = level > threshold ? mask.maximum : 0;
+  return mask;
+}
+
 files::Picture averaged(const std::vector<files::Picture>& pictures, const std::vector<std::string>& names) {
   files::Picture mean = pictures.front();
   std::vector<double> sum(mean.pixels.size(), 0);
@@ -106,7 +106,7 @@ PictureSeries::PictureSeries(SeriesOptions options) : options_(std::move(options
   files::Picture reference =
       references.size() == 1 ? std::move(references.front()) : averaged(references, options_.references);
   files::Picture mask;
-  if (!options_.mask.empty()) mask = sharp(files::read_picture(options_.mask));
+  if (!options_.mask.empty()) mask = read_mask(options_.mask);
   if (!mask.pixels.empty() && (mask.width != reference.width || mask.height != reference.height))
     throw UsageError(fmt::format("the mask {} has {} × {} pixels, the reference picture {} has {} × {}",
                                  options_.mask, mask.width, mask.height, options_.references.front(),

@@ -153,6 +153,10 @@ class PictureSeries {
   int first_rejected_ = 0;
 };
 
+/// A mask as it was drawn: what a lossy format (which its remark names) has blurred is black or bright again.
+/// Errors: DataError.
+[[nodiscard]] files::Picture read_mask(const std::string& path);
+
 /// The mean of pictures of one surface at rest. Errors: UsageError for different sizes, naming the file.
 [[nodiscard]] files::Picture averaged(const std::vector<files::Picture>& pictures,
                                       const std::vector<std::string>& names);

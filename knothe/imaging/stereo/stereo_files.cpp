@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <limits>
 
 #include "knothe/base/version.hpp"
@@ -12,6 +13,14 @@
 namespace knothe::imaging {
 namespace {
 
+/// Whether each camera measured the same elements, so that the precision is the same.
+bool same_elements(const StereoResult& a, const StereoResult& b) {
+  return std::equal(a.pictures.begin(), a.pictures.end(), b.pictures.begin(),
+                    [](const auto& p, const auto& q) {
+                      return p.correlation.element_valid == q.correlation.element_valid;
+                    });
+}
+
 /// The precisions, one matrix at a time: of the first set that was measured, and of each whose elements are
 /// others.
 void write_stereo_precisions(files::Hdf5Writer& file, const StereoSeries& series,
@@ -22,18 +31,16 @@ void write_stereo_precisions(files::Hdf5Writer& file, const StereoSeries& series
     for (const StereoResult& r : results) pictures.push_back(r.pictures[c]);
     noise.push_back(std::max(k_quantisation_noise, series_noise(series.camera(c), pictures)));
   }
-  std::vector<char> first;
+  const StereoResult* first = nullptr;
   for (Index t = 0; t < std::ssize(results); ++t) {
-    if (results[t].missing) continue;
-    const std::vector<char> valid = series.valid_elements(results[t]);
-    if (valid == first) continue;
-    const std::string name = first.empty() ? "/noise/precision" : fmt::format("/noise/precision_steps/{}", t);
+    if (results[t].missing || (first != nullptr && same_elements(results[t], *first))) continue;
+    const std::string name =
+        first == nullptr ? "/noise/precision" : fmt::format("/noise/precision_steps/{}", t);
     write_symmetric(file, name, series.precision(results[t], noise), "1/m2");
-    if (first.empty()) {
-      file.integer_attribute(name, "shared_reference", series.camera(0).reference_count());
-      file.number_attribute(name, "noise_grey_levels", noise.front());
-      first = valid;
-    }
+    if (first != nullptr) continue;
+    file.integer_attribute(name, "shared_reference", series.camera(0).reference_count());
+    file.number_attribute(name, "noise_grey_levels", noise.front());
+    first = &results[t];
   }
 }
 
@@ -103,6 +110,8 @@ void write_stereo_vtu(const std::string& path, const StereoSeries& series, const
   const Eigen::VectorXd& u = result.motion.displacement;
   const Eigen::VectorXd& std = result.motion.std;
   const std::vector<char> valid = series.valid_elements(result);
+  const Eigen::MatrixXd strain =
+      surface_strains(surface.points, result.motion, surface.meshes.front().elements);
   std::vector<double> seen;
   for (const std::size_t e : cells.element) seen.push_back(valid[e]);
   files::VtuGrid grid{
@@ -110,6 +119,7 @@ void write_stereo_vtu(const std::string& path, const StereoSeries& series, const
       {},     {}};
   grid.point_fields = {{"displacement", 3, {u.begin(), u.end()}, "m"},
                        {"displacement_std", 3, {std.begin(), std.end()}, "m"},
+                       {"green_strain", 6, {strain.data(), strain.data() + strain.size()}, "1"},
                        {"measured", 1, {result.motion.measured.begin(), result.motion.measured.end()}}};
   grid.cell_fields = {{"valid", 1, seen}};
   grid.time = time_of(series.camera(0), result.index);

@@ -50,12 +50,16 @@ StereoSeries::StereoSeries(StereoOptions options) : options_(std::move(options))
     std::vector<files::Picture> references{first.correlation().reference()};
     for (auto s = options_.series.begin() + 1; s != options_.series.end(); ++s)
       references.push_back(reference_of(*s));
-    surface_ = find_surface(options_.cameras, references, first.correlation().mesh(),
-                            first.options().correlation, options_.epipolar_bound);
+    ImageMesh mesh = first.correlation().mesh();
+    if (!first.options().mask.empty()) mesh = masked(mesh, read_mask(first.options().mask), 1);
+    surface_ = find_surface(options_.cameras, references, mesh, first.options().correlation,
+                            options_.epipolar_bound);
+    first_remarks_ = first.remarks();
   }
   for (Index c = 0; c < std::ssize(options_.series); ++c) {
     SeriesOptions s = options_.series[c];
-    s.mesh = surface_.meshes[c], s.outline_margin = 0, s.region.reset(), s.mask.clear();
+    if (!options_.series.front().mesh) s.outline_margin = 0;
+    s.mesh = surface_.meshes[c], s.region.reset(), s.mask.clear();
     series_.push_back(std::make_unique<PictureSeries>(std::move(s)));
     if (series_.back()->correlation().mesh().node_count() != surface_.points.cols())
       throw UsageError(fmt::format(
@@ -106,6 +110,15 @@ SurfaceMotion StereoSeries::motion(const StereoResult& result, const std::vector
 Eigen::SparseMatrix<double> StereoSeries::precision(const StereoResult& result,
                                                     const std::vector<double>& gamma) const {
   return motion(result, gamma).precision;
+}
+
+std::vector<std::string> StereoSeries::remarks() const {
+  std::vector<std::string> remarks = first_remarks_;
+  for (Index c = 0; c < std::ssize(series_); ++c)
+    for (const std::string& text : series_[c]->remarks())
+      if (c > 0 || std::find(remarks.begin(), remarks.end(), text) == remarks.end())
+        remarks.push_back(fmt::format("camera {}: {}", c, text));
+  return remarks;
 }
 
 std::vector<char> StereoSeries::valid_elements(const StereoResult& result) const {

@@ -11,7 +11,8 @@ namespace knothe::imaging {
 
 struct StereoOptions {
   std::vector<Camera> cameras;  ///< in metres
-  /// Of each camera, as many pictures each; region, mesh and elements are those of the first, in its px.
+  /// Of each camera, as many pictures each; region, mask, mesh and elements are those of the first, in its
+  /// px; of a mask the elements that lie wholly in it.
   std::vector<SeriesOptions> series;
   double epipolar_bound = 0.5;  ///< px; lines of sight that miss each other by more are refused
 };
@@ -43,6 +44,8 @@ class StereoSeries {
   /// Precision (1/m²) of the displacements of a set for noise γ_c (grey levels) of each camera's picture.
   [[nodiscard]] Eigen::SparseMatrix<double> precision(const StereoResult& result,
                                                       const std::vector<double>& gamma) const;
+  /// What was found of the options that were not given, and what is doubtful, in words for the user.
+  [[nodiscard]] std::vector<std::string> remarks() const;
   /// Elements that all cameras measured.
   [[nodiscard]] std::vector<char> valid_elements(const StereoResult& result) const;
 
@@ -51,6 +54,7 @@ class StereoSeries {
 
   StereoOptions options_;
   StereoSurface surface_;
+  std::vector<std::string> first_remarks_;  ///< of the first camera, before the shape was known
   std::vector<std::unique_ptr<PictureSeries>> series_;
 };
 

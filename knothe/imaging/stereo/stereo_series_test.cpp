@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "knothe/base/error.hpp"
@@ -72,7 +73,28 @@ TEST(StereoSeries, MeasuresSetsMarksBadOnesAndWritesThemInMetres) {
     EXPECT_NEAR(values[9 * n + i], last[i % 3], i % 3 == 2 ? 2e-5 : 5e-6);
   }
   EXPECT_EQ(file.read("/noise/precision/indptr").size(), 3 * n + 1);
+  EXPECT_FALSE(file.has("/noise/precision_steps"));
   write_stereo_vtu(test.folder.file("u.vtu"), series, results[0]);
+
+  // An element that one camera lost is another precision than the same element lost by the other.
+  results[0].pictures[0].correlation.element_valid[0] = 0;
+  results[3].pictures[1].correlation.element_valid[0] = 0;
+  write_stereo_displacements(test.folder.file("v.h5"), series, results, "");
+  EXPECT_TRUE(files::Hdf5Reader(test.folder.file("v.h5")).has("/noise/precision_steps/3"));
+}
+
+TEST(StereoSeries, MeasuresElementsThatLieWhollyInTheMask) {
+  DrawnTest test;
+  files::Picture mask{200, 170, 8, 255, std::vector<float>(200 * 170, 0), {}};
+  for (int y = 0; y < 170; ++y)
+    for (int x = 40; x < 200; ++x) mask.pixels[200 * y + x] = 255;
+  const std::string name = test.folder.file("mask.tif");
+  files::write_tiff(name, mask);
+  test.options.series[0].mask = name;
+  const StereoSeries series(test.options);
+  const ImageMesh& mesh = series.surface().meshes.front();
+  // The first column of elements, 25 to 49.5 px, is more than half in the mask, and left out.
+  EXPECT_NEAR(*std::min_element(mesh.x.begin(), mesh.x.end()), 49.5, 1e-9);
 }
 
 TEST(StereoSeries, WhatIsForOneCameraIsRefused) {

@@ -2,8 +2,10 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/LU>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
 
@@ -16,6 +18,7 @@ namespace {
 using Sparse = Eigen::SparseMatrix<double>;
 
 constexpr int k_max_steps = 30;
+constexpr double k_converged = 1e-9;  // last step, relative to the size of the surface
 /// What keeps nodes without information regular, relative to the information of the others.
 constexpr double k_ridge = 1e-9;
 
@@ -53,8 +56,7 @@ Eigen::VectorXd solved(const Sparse& normal, const Eigen::VectorXd& right) {
   }
   throw NumericalError(
       "the cameras do not determine the surface's position: their lines of sight are (nearly) parallel, or "
-      "the "
-      "speckle says nothing in places; take cameras 15° to 35° apart, or larger elements");
+      "the speckle says nothing in places; take cameras 15° to 35° apart, or larger elements");
 }
 
 /// d_0c of another camera: where its reference shows the nodes of the mesh in the first camera's.
@@ -212,8 +214,8 @@ StereoSurface find_surface(const std::vector<Camera>& cameras, const std::vector
   if (!(epipolar <= epipolar_bound))
     throw DataError(fmt::format(
         "the lines of sight of matched points miss each other by {:.3g} px (root mean square), more than {} "
-        "px: "
-        "the calibration does not belong to these pictures; check their order, the file's convention, and "
+        "px: the calibration does not belong to these pictures; check their order, the file's convention, "
+        "and "
         "whether a camera moved since",
         epipolar, epipolar_bound));
   const SurfacePoints points = sight.points();
@@ -282,12 +284,44 @@ SurfaceMotion surface_motion(const std::vector<Camera>& cameras, const SurfacePo
     result.displacement += change;
     step = change.cwiseAbs().maxCoeff();
   }
+  if (!(step <= k_converged * reach))
+    throw NumericalError(
+        "no motion in space was found that explains what the cameras measured: were their pictures taken at "
+        "the "
+        "same time?");
   result.epipolar_rms = std::sqrt(squares / result.redundancy);
   result.std = displacement_std(result.precision);
   for (Index a = 0; a < n; ++a)
     if (result.measured[a] == 0)
       result.displacement.segment<3>(3 * a).setZero(), result.std.segment<3>(3 * a).setZero();
   return result;
+}
+
+Eigen::MatrixXd surface_strains(const SurfacePoints& points, const SurfaceMotion& motion,
+                                const std::vector<std::array<int, 4>>& elements) {
+  constexpr std::array<std::array<int, 2>, 6> k_components{{{0, 0}, {1, 1}, {2, 2}, {0, 1}, {1, 2}, {0, 2}}};
+  const SurfacePoints moved =
+      points + Eigen::Map<const SurfacePoints>(motion.displacement.data(), 3, points.cols());
+  Eigen::MatrixXd strains = Eigen::MatrixXd::Zero(6, points.cols());
+  Eigen::RowVectorXd count = Eigen::RowVectorXd::Zero(points.cols());
+  for (const auto& nodes : elements) {
+    const int n = ImageMesh::nodes_of(nodes);
+    if (!std::all_of(nodes.begin(), nodes.begin() + n, [&](int a) { return motion.measured[a] != 0; }))
+      continue;
+    for (int k = 0; k < n; ++k) {
+      // At a corner of a triangle or bilinear quadrilateral the edges that meet there are its tangents.
+      const int at = nodes[k], next = nodes[(k + 1) % n], before = nodes[(k + n - 1) % n];
+      Eigen::Matrix<double, 3, 2> tangents, after;
+      tangents << points.col(next) - points.col(at), points.col(before) - points.col(at);
+      after << moved.col(next) - moved.col(at), moved.col(before) - moved.col(at);
+      const Eigen::Matrix2d metric = tangents.transpose() * tangents;
+      const Eigen::Matrix<double, 3, 2> dual = tangents * metric.inverse();
+      const Eigen::Matrix3d e = 0.5 * dual * (after.transpose() * after - metric) * dual.transpose();
+      for (int i = 0; i < 6; ++i) strains(i, at) += e(k_components[i][0], k_components[i][1]);
+      count[at] += 1;
+    }
+  }
+  return strains.array().rowwise() / count.array().max(1);
 }
 
 }  // namespace knothe::imaging

@@ -57,9 +57,17 @@ struct SurfaceMotion {
 
 /// The motion of a surface from what the cameras measured. Nodes that fewer than two cameras measured are
 /// eliminated (their rows of the precision hold what one camera says). Errors: UsageError for sizes that do
-/// not fit, NumericalError where the normal matrix is singular or a node leaves the cameras' view.
+/// not fit, NumericalError where the normal matrix is singular, a node leaves the cameras' view, or
+/// Gauss–Newton does not converge.
 [[nodiscard]] SurfaceMotion surface_motion(const std::vector<Camera>& cameras, const SurfacePoints& points,
                                            const std::vector<CameraMotion>& motions);
+
+/// Green's strain of the surface in its tangent plane, E = ½ G⁺ᵀ (gᵀg − GᵀG) G⁺ with the tangents G before
+/// and g after, at each node: the mean over its elements whose nodes are all measured, 0 where there is none.
+/// One column a node, rows xx, yy, zz, xy, yz, xz (VTK's order) in the axes of the world. A rigid motion has
+/// none.
+[[nodiscard]] Eigen::MatrixXd surface_strains(const SurfacePoints& points, const SurfaceMotion& motion,
+                                              const std::vector<std::array<int, 4>>& elements);
 
 /// Where a camera sees the points, as the nodes of a mesh with the same elements.
 [[nodiscard]] ImageMesh seen_mesh(const Camera& camera, const SurfacePoints& points,

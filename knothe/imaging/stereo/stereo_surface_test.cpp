@@ -143,6 +143,8 @@ TEST(StereoSurface, AMillimetreTowardsTheCamerasIsNoStrain) {
 TEST(StereoSurface, TheErrorsAreThoseOfThePrecision) {
   const Scene scene;
   const auto before = scene.reference();
+  const Eigen::Vector3d motion(0.023, -0.041, 0.3);  // mm: parts of a px, so that noise is interpolated
+  const auto after = scene.draw([&](const auto&) { return motion; });
   const StereoSurface surface = find_surface(scene.cameras, before, mesh_of_scene());
   const double noise = 2, count = test::long_form() ? 100 : 24;
   double errors = 0, misfit = 0, values = 0, redundancy = 0;
@@ -150,11 +152,13 @@ TEST(StereoSurface, TheErrorsAreThoseOfThePrecision) {
     std::vector<files::Picture> first, second;
     for (unsigned c = 0; c < 2; ++c) {
       first.push_back(noisy(before[c], noise, 1000 + 2 * k + c));
-      second.push_back(noisy(before[c], noise, 5000 + 2 * k + c));
+      second.push_back(noisy(after[c], noise, 5000 + 2 * k + c));
     }
     const SurfaceMotion found =
         surface_motion(scene.cameras, surface.points, motions_of(surface, first, second, noise));
-    errors += found.displacement.dot(found.precision * found.displacement);
+    Eigen::VectorXd error = found.displacement;
+    for (Index a = 0; a < surface.points.cols(); ++a) error.segment<3>(3 * a) -= motion;
+    errors += error.dot(found.precision * error);
     values += found.displacement.size();
     misfit += found.chi_square, redundancy += found.redundancy;
   }
@@ -182,6 +186,32 @@ TEST(StereoSurface, NodesThatOneCameraLostAreNotMeasured) {
   EXPECT_EQ(found.std[0], 0);
   EXPECT_GT(found.std[3], 0);
   EXPECT_TRUE(found.displacement.allFinite());
+}
+
+TEST(StereoSurface, StrainsAreThoseOfTheMotionAndNoneOfATurn) {
+  // A plane along (0.6, 0, 0.8) and y is stretched along the first by λ, then turned: E = ½(λ² − 1) a aᵀ.
+  SurfaceMotion motion;
+  SurfacePoints points(3, 6);
+  const Eigen::Vector3d a(0.6, 0, 0.8);
+  const Eigen::Matrix3d turn = Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, -1).normalized()).matrix();
+  const double stretch = 1.02;
+  motion.displacement.resize(18), motion.measured.assign(6, 1);
+  for (int k = 0; k < 6; ++k) {
+    const double s = k % 3 + 0.2 * (k / 3), t = 1.5 * (k / 3);
+    points.col(k) = s * a + Eigen::Vector3d(0, t, 0);
+    motion.displacement.segment<3>(3 * k) =
+        turn * (stretch * s * a + Eigen::Vector3d(0, t, 0)) - points.col(k);
+  }
+  motion.measured[5] = 0;
+  const Eigen::MatrixXd strain = surface_strains(points, motion, {{0, 1, 4, 3}, {1, 2, 5, -1}});
+  const double e = 0.5 * (stretch * stretch - 1);
+  for (const int k : {0, 1, 3, 4}) {
+    EXPECT_NEAR(strain(0, k), 0.36 * e, 1e-14);
+    EXPECT_NEAR(strain(2, k), 0.64 * e, 1e-14);
+    EXPECT_NEAR(strain(5, k), 0.48 * e, 1e-14);
+    EXPECT_NEAR(strain(1, k), 0, 1e-14);
+  }
+  EXPECT_EQ(strain.col(2).norm(), 0);  // its only element has a node that is not measured
 }
 
 TEST(StereoSurface, AWrongCalibrationIsRefused) {

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstdio>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -21,6 +22,8 @@ namespace knothe::report {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr std::chrono::seconds k_save_every{30};
 
 void check_stereo_files(const PictureFiles& files, std::size_t pictures) {
   if (!files.at.empty() || !files.maps.empty() || !files.table.empty() || files.std || files.resume)
@@ -83,8 +86,14 @@ int measure_cameras(const imaging::StereoOptions& task, const std::string& proje
   imaging::StereoSeries series(task);
   fmt::print(stderr, "{} cameras, {} nodes; lines of sight miss each other by {:.3g} px (root mean square)\n",
              task.cameras.size(), series.surface().points.cols(), series.surface().epipolar_rms);
+  for (const std::string& text : series.remarks()) fmt::print(stderr, "{}\n", text);
   std::vector<imaging::StereoResult> results;
   std::vector<files::PvdEntry> entries;
+  const auto save = [&] {
+    if (stereo_status(results) == 0 && files.output.ends_with(".h5"))
+      imaging::write_stereo_displacements(files.output, series, results, project_text);
+  };
+  auto saved = std::chrono::steady_clock::now();
   {
     Progress progress("pictures", task.series.front().pictures.size());
     while (!series.done() && !cancellation_requested()) {
@@ -95,13 +104,14 @@ int measure_cameras(const imaging::StereoOptions& task, const std::string& proje
       write_fields(files, series, r, entries);
       r.motion.precision = {};  // made again for the file: it is larger than all else
       progress.advance_to(results.size());
+      // A long series must not be lost with the machine's power.
+      if (std::chrono::steady_clock::now() - saved > k_save_every)
+        save(), saved = std::chrono::steady_clock::now();
     }
   }
-  const int status = stereo_status(results);
-  if ((status == 0 || cancellation_requested()) && files.output.ends_with(".h5"))
-    imaging::write_stereo_displacements(files.output, series, results, project_text);
+  save();
   if (!series.done()) throw Interrupted(fmt::format("interrupted after {} sets of pictures", results.size()));
-  return status;
+  return stereo_status(results);
 }
 
 }  // namespace knothe::report
