@@ -3,6 +3,7 @@
 #include <optional>
 #include <string>
 
+#include "knothe/base/error.hpp"
 #include "knothe/files/command_output.hpp"
 #include "knothe/imaging/mesh/outline_registration.hpp"
 #include "knothe/imaging/mesh/registration.hpp"
