@@ -140,9 +140,10 @@ class DiceList {
     const pugi::xml_attribute found = element(key).attribute("value");
     return found ? std::optional<std::string_view>(found.value()) : std::nullopt;
   }
-  [[nodiscard]] double number(const std::string& key, double otherwise = 0) const {
+  /// 0 where the key is missing.
+  [[nodiscard]] double number(const std::string& key) const {
     const auto text = value(key);
-    if (!text) return otherwise;
+    if (!text) return 0;
     const auto found = numbers_in(file_, *text, fmt::format("{} {}", name_, key));
     if (found.size() != 1) file_.fail(fmt::format("{} {}: one number is needed", name_, key));
     return found.front();
@@ -169,12 +170,14 @@ class DiceList {
 Camera dice_camera(const CalibrationText& file, const pugi::xml_node& element, const std::string& name) {
   const DiceList list(file, element, name);
   Camera camera;
+  for (const char* key : {"CX", "CY", "FX", "FY"})
+    if (!list.value(key)) file.fail(fmt::format("{}: {} is missing: is the file whole?", name, key));
   camera.cx = list.number("CX"), camera.cy = list.number("CY");
   camera.fx = list.number("FX"), camera.fy = list.number("FY");
   for (Index k = 0; k < 6; ++k) camera.radial[k] = list.number(fmt::format("K{}", k + 1));
   camera.tangential = {list.number("P1"), list.number("P2")};
   camera.rotation = list.rotation();
-  camera.translation << list.number("TX"), list.number("TY"), list.number("TZ");
+  camera.translation = Eigen::Vector3d(list.number("TX"), list.number("TY"), list.number("TZ"));
   for (const char* key : {"S1", "S2", "S3", "S4", "T1", "T2"})
     if (list.number(key) != 0)
       file.fail(fmt::format("{} {}: thin-prism and tilt coefficients are not known here; calibrate without",
