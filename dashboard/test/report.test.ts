@@ -80,7 +80,10 @@ const inference = {
 };
 const comparison = {
   kind: "comparison" as const,
-  contents: [inference.content, { ...inference.content, method: "grid" }] as never,
+  contents: ["smc", "grid"].map((method) => {
+    const { parameters, covariance, figures } = inference.content;
+    return { method, parameters, covariance, figures: { posterior: figures.posterior } };
+  }) as never,
 };
 const selection = {
   kind: "selection" as const,

@@ -6,7 +6,6 @@ import math
 import pathlib
 import random
 import re
-import shutil
 import subprocess
 import unittest
 import zlib
@@ -17,12 +16,6 @@ from support import DATA, KNOTHE, Case, python_with
 
 KEYS = ["picture", "iterations", "converged", "residual_rms", "nodes", "elements_rejected", "elapsed_ms", "noise_std_px"]
 REAL = DATA / "concrete_bending"
-STEREO = DATA / "stereo_gt4"
-STEREO_CALIBRATION = [  # of its README: cx, cy, fx, fy, k1, k2, k3, angles, place
-    (955.0537385, 645.2301624, 6636.033383, 6636.440175, -1.957515272e-4, 0.8739544595, -26.91426143,
-     179.9332210, 9.415993919, -0.05775865407, -58.20738494, 0.1641145944, 20.16820788),
-    (971.3275619, 615.7965508, 6609.847619, 6609.166930, -5.225966870e-3, 1.077694686, -30.05404073,
-     -179.9418875, -9.416050875, 0.04747312256, 59.84373321, 0.2184759676, 21.04719884)]
 ROI = "12,12,147,107"
 
 
@@ -447,72 +440,6 @@ print(json.dumps([file["mesh/cells"].shape, file["elements/valid"].shape, file["
         if not REAL.exists():
             self.skipTest(f"{REAL} is not there: set KNOTHE_DATA to the folder of recorded data")
         return [REAL / f"IMG_{name}.tif" for name in names]
-
-    def two_cameras(self):
-        """The real stereo pair in folders of its own, its calibration as DICe writes one (without the skew, which DICe has not)."""
-        if not STEREO.exists():
-            self.skipTest(f"{STEREO} is not there: set KNOTHE_DATA to the folder of recorded data")
-        for camera, name in enumerate(("left", "right")):
-            (self.folder / name).mkdir()
-            for number, picture in (("0000", "reference"), ("0003", "a")):
-                shutil.copy(STEREO / f"GT4-{number}_{camera}.tif", self.folder / name / f"{picture}.tif")
-        keys = "CX CY FX FY K1 K2 K3 ALPHA BETA GAMMA TX TY TZ".split()
-        lists = ["".join(f'<Parameter name="{key}" type="double" value="{value}" />\n' for key, value in zip(keys, values))
-                 for values in STEREO_CALIBRATION]
-        model = '<Parameter name="LENS_DISTORTION_MODEL" type="string" value="OPENCV_LENS_DISTORTION" />\n'
-        (self.folder / "cameras.xml").write_text(
-            '<ParameterList>\n<Parameter name="xml_file_format" type="string" value="DICe_xml_camera_system_file" />\n'
-            + "".join(f'<ParameterList name="CAMERA {c}">\n{model}{text}</ParameterList>\n' for c, text in enumerate(lists))
-            + "</ParameterList>\n")
-
-    def test_two_cameras_measure_three_components(self):
-        """The specimen hardly moved: DICe's own solution is 0.05 px in x and -0.045 px in y of the left picture, 0.055 mm a pixel."""
-        self.two_cameras()
-        left, right = (["%s/reference.tif" % name, "%s/a.tif" % name] for name in ("left", "right"))
-        common = ["--roi", "600,300,1200,900", "--element-size", 40, "--json"]
-        line, = self.expect(0, "dic", *left, "--cameras", "cameras.xml", "--other", *right, *common, "-o", "u.vtu").lines()
-        self.assertEqual(line["picture"], "left/a.tif")
-        self.assertEqual([key for key in KEYS if key not in line], [])
-        self.assertLess(line["surface_epipolar_rms_px"], 0.3)
-        self.assertLess(line["epipolar_rms_px"], 0.03)
-        self.assertLess(max(line["noise_std_m"]), 3e-6)
-        (self.folder / "stereo.toml").write_text(
-            '[data]\npictures = "left"\n[dic]\ncameras = "cameras.xml"\nother_pictures = ["right"]\n'
-            'roi = [600, 300, 1200, 900]\nelement_size = 40\n')
-        self.expect(0, "check", "stereo.toml")
-        same, = self.expect(0, "dic", "stereo.toml", "--json", "-o", "u.h5").lines()
-        self.assertEqual([same[key] for key in ("nodes", "epipolar_rms_px", "noise_std_m")],
-                         [line[key] for key in ("nodes", "epipolar_rms_px", "noise_std_m")])
-        python = python_with("h5py")
-        if python is None:
-            return
-        read = ("import h5py, numpy; f = h5py.File('u.h5'); u = f['values'][0].reshape(-1, 3); p = f['mesh/points'][:]; "
-                "print(f.attrs['length_unit'].decode(), *numpy.median(u, axis=0), *numpy.median(p, axis=0))")
-        unit, *numbers = subprocess.run([python, "-c", read], cwd=self.folder, capture_output=True, text=True, check=True).stdout.split()
-        u, v, w, _, _, depth = map(float, numbers)
-        self.assertEqual(unit, "m")
-        self.assertAlmostEqual(depth, -0.367, delta=0.002)  # in the calibration's frame, z towards the cameras
-        self.assertLess(abs(u), 4e-6)
-        self.assertAlmostEqual(v, 2.5e-6, delta=1e-6)  # up, where the picture's y is down
-        self.assertLess(abs(w), 2e-5)
-
-    def test_what_two_cameras_need_is_said(self):
-        self.two_cameras()
-        left, right = (["%s/reference.tif" % name, "%s/a.tif" % name] for name in ("left", "right"))
-        self.expect(2, "dic", *left, "--cameras", "cameras.xml", stderr="--cameras CALIBRATION and --other PICTURES… belong together")
-        both = ["dic", *left, "--cameras", "cameras.xml", "--other", *right, "--roi", "600,300,1200,900", "--element-size", 40]
-        self.expect(2, *both, "extra.tif", stderr="--other takes the pictures of the further cameras, 3 of each")
-        self.expect(2, *both, "--crack", stderr="--pattern and --crack are for one camera")
-        self.expect(2, *both, "--maps", "maps", stderr="are for one camera; with --cameras use -o")
-        text = (self.folder / "cameras.xml").read_text()
-        (self.folder / "cameras.xml").write_text(text.replace('"TY" type="double" value="0.1641145944"', '"TY" type="double" value="1.1641145944"'))
-        self.expect(4, *both, stderr="the calibration does not belong to these pictures")
-        (self.folder / "cameras.xml").write_text(text.replace('value="645.2301624"', 'value="high"'))
-        self.expect(4, *both, stderr="cameras.xml: calibration: CAMERA 0 CY: 'high' is not a number")
-        (self.folder / "stereo.toml").write_text('[data]\npictures = "left"\n[dic]\ncameras = "cameras.xml"\nscale = 1e-5\n')
-        self.expect(3, "dic", "stereo.toml", stderr=['"dic.scale" is for one camera', '"dic.cameras" needs `[data] pictures`'])
-        (self.folder / "stereo.toml").write_text('[data]\npictures = "left"\n[dic]\nother_pictures = ["right"]\n')
-        self.expect(3, "dic", "stereo.toml", stderr='"dic.other_pictures" needs "dic.cameras", a calibration')
 
     def test_the_real_pair_goes_forth_and_back(self):
         """Displacements of 0155 → 0160 and back add up to nothing, away from the crack, within 0.01 px rms."""

@@ -6,12 +6,12 @@ import type { StepLine } from "../types";
 import { charts, mostPairs, pairWords, type Content } from "./content";
 import { joined } from "./curves";
 import { besideSpec, smoothed } from "./densities";
-import type { Comparison, Density, Inference, InferenceContent, Plain, Selection } from "./record";
+import type { Compared, Comparison, Density, Inference, InferenceContent, Plain, Selection } from "./record";
 
 /** Methods whose densities are those of draws. */
-const isDrawn = (c: InferenceContent): boolean => c.method === "smc" || c.method === "mcmc";
+const isDrawn = (c: Compared): boolean => c.method === "smc" || c.method === "mcmc";
 
-const posteriorOf = (c: InferenceContent, k: number): Density =>
+const posteriorOf = (c: Compared, k: number): Density =>
   isDrawn(c) ? smoothed(c.figures.posterior[k]!) : c.figures.posterior[k]!;
 
 /** An inference as a line of the live page, for its pairs. */
@@ -26,7 +26,7 @@ function lineOf(c: InferenceContent): StepLine {
 }
 
 /** From a parameter's numbers to its unit: of a model that states none, as of a server, there is no unit to write. */
-export function meaning(c: InferenceContent, k: number): { factor: number; units: string } {
+export function meaning(c: Compared, k: number): { factor: number; units: string } {
   const physical = c.physical?.[c.parameters[k] ?? ""];
   const std = Math.sqrt(c.covariance[k]?.[k] ?? 0);
   if (!physical?.units || !(std > 0)) return { factor: 1, units: "" };

@@ -145,9 +145,14 @@ export interface Inference {
   content: InferenceContent;
 }
 
+/** What a comparison holds of each of its inferences. */
+export type Compared = Pick<InferenceContent, "method" | "parameters" | "covariance" | "physical"> & {
+  figures: Pick<InferenceContent["figures"], "posterior">;
+};
+
 export interface Comparison {
   kind: "comparison";
-  contents: [InferenceContent, InferenceContent];
+  contents: [Compared, Compared];
 }
 
 /** A field of numbers on a face, with places marked on it. */

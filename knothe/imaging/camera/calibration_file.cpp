@@ -4,37 +4,32 @@
 
 #include <Eigen/LU>
 #include <algorithm>
-#include <fstream>
 #include <optional>
-#include <sstream>
+#include <pugixml.hpp>
 #include <string_view>
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/index.hpp"
+#include "knothe/files/atomic_file.hpp"
 #include "knothe/files/numbers.hpp"
 
 namespace knothe::imaging {
 namespace {
 
-/// A calibration's text, and the name of its file for messages.
+/// A calibration: its text, as XML where it is, and the name of its file for messages.
 struct CalibrationText {
   std::string path, text;
+  pugi::xml_document xml;
 
   [[noreturn]] void fail(const std::string& what) const {
     throw DataError(fmt::format("{}: calibration: {}", path, what));
   }
   [[nodiscard]] bool has(std::string_view part) const { return text.find(part) != std::string::npos; }
+  void parse() {
+    if (const auto parsed = xml.load_buffer(text.data(), text.size()); !parsed)
+      fail(fmt::format("is no XML from byte {} on: {}", parsed.offset, parsed.description()));
+  }
 };
-
-/// What stands between two marks, the first sought from `from` on; nothing where either is missing.
-std::optional<std::string_view> between(std::string_view text, std::string_view first, std::string_view last,
-                                        std::size_t from = 0) {
-  const std::size_t begin = text.find(first, from);
-  if (begin == std::string_view::npos) return std::nullopt;
-  const std::size_t end = text.find(last, begin + first.size());
-  if (end == std::string_view::npos) return std::nullopt;
-  return text.substr(begin + first.size(), end - begin - first.size());
-}
 
 /// The numbers in a text, parted by blanks, commas and brackets; `key` is for the message.
 std::vector<double> numbers_in(const CalibrationText& file, std::string_view text, const std::string& key) {
@@ -69,17 +64,16 @@ Eigen::Matrix3d orthonormal(Eigen::Matrix3d r) {
 
 /// A matrix of OpenCV's FileStorage, row by row, in YAML or XML; nothing where the key is missing.
 std::optional<std::vector<double>> opencv_matrix(const CalibrationText& file, const std::string& key) {
-  const std::string_view text = file.text;
-  if (text.find("<opencv_storage") != std::string_view::npos) {
-    const auto node = between(text, fmt::format("<{} ", key), fmt::format("</{}>", key));
-    const auto data = node ? between(*node, "<data>", "</data>") : std::nullopt;
-    return data ? std::optional(numbers_in(file, *data, key)) : std::nullopt;
+  if (const pugi::xml_node storage = file.xml.child("opencv_storage")) {
+    const pugi::xml_node data = storage.child(key.c_str()).child("data");
+    return data ? std::optional(numbers_in(file, data.text().get(), key)) : std::nullopt;
   }
+  const std::string_view text = file.text;
   const std::size_t at = text.find(fmt::format("\n{}:", key));
   if (at == std::string_view::npos) return std::nullopt;
-  const auto data = between(text, "data:", "]", at);
-  if (!data) file.fail(fmt::format("{}: has no data: […]", key));
-  return numbers_in(file, *data, key);
+  const std::size_t begin = text.find("data:", at), end = text.find(']', std::min(begin, text.size()));
+  if (end == std::string_view::npos) file.fail(fmt::format("{}: has no data: […]", key));
+  return numbers_in(file, text.substr(begin + 5, end - begin - 5), key);
 }
 
 std::vector<double> required(const CalibrationText& file, const std::vector<std::string>& keys,
@@ -132,19 +126,19 @@ std::vector<Camera> opencv_cameras(const CalibrationText& file) {
   return cameras;
 }
 
-/// One camera of DICe's parameter lists.
+/// One camera of DICe's parameter lists, or the whole file.
 class DiceList {
  public:
-  DiceList(const CalibrationText& file, std::string_view text, std::string name)
-      : file_(file), text_(text), name_(std::move(name)) {}
+  DiceList(const CalibrationText& file, const pugi::xml_node& list, std::string name)
+      : file_(file), list_(list), name_(std::move(name)) {}
 
-  [[nodiscard]] std::optional<std::string_view> value(const std::string& key) const {
-    const std::size_t at = text_.find(fmt::format("name=\"{}\"", key));
-    if (at == std::string_view::npos) return std::nullopt;
-    // Attributes may stand in any order, but within their tag.
-    const std::size_t open = std::min(text_.rfind('<', at), at), close = text_.find('>', at);
-    return between(text_.substr(open, close == std::string_view::npos ? close : close - open), "value=\"",
-                   "\"");
+  /// The element with that name, at any depth.
+  [[nodiscard]] pugi::xml_node element(std::string_view key) const {
+    return list_.find_node([&](const pugi::xml_node& node) { return node.attribute("name").value() == key; });
+  }
+  [[nodiscard]] std::optional<std::string_view> value(std::string_view key) const {
+    const pugi::xml_attribute found = element(key).attribute("value");
+    return found ? std::optional<std::string_view>(found.value()) : std::nullopt;
   }
   /// 0 where the key is missing.
   [[nodiscard]] double number(const std::string& key) const {
@@ -169,12 +163,12 @@ class DiceList {
 
  private:
   const CalibrationText& file_;
-  std::string_view text_;
+  pugi::xml_node list_;
   std::string name_;
 };
 
-Camera dice_camera(const CalibrationText& file, std::string_view text, const std::string& name) {
-  const DiceList list(file, text, name);
+Camera dice_camera(const CalibrationText& file, const pugi::xml_node& element, const std::string& name) {
+  const DiceList list(file, element, name);
   Camera camera;
   for (const char* key : {"CX", "CY", "FX", "FY"})
     if (!list.value(key)) file.fail(fmt::format("{}: {} is missing: is the file whole?", name, key));
@@ -200,16 +194,14 @@ Camera dice_camera(const CalibrationText& file, std::string_view text, const std
 }
 
 std::vector<Camera> dice_cameras(const CalibrationText& file) {
-  const std::string_view text = file.text;
+  const DiceList whole(file, file.xml, "file");
   std::vector<Camera> cameras;
   for (;;) {
     const std::string name = fmt::format("CAMERA {}", cameras.size());
-    const std::size_t begin = text.find(fmt::format("name=\"{}\"", name));
-    if (begin == std::string_view::npos) break;
-    const std::size_t end = text.find("name=\"CAMERA ", begin + 1);
-    cameras.push_back(dice_camera(file, text.substr(begin, end - begin), name));
+    const pugi::xml_node element = whole.element(name);
+    if (!element) break;
+    cameras.push_back(dice_camera(file, element, name));
   }
-  const DiceList whole(file, text, "file");
   if (whole.value("extrinsics_relative_camera_to_camera") == "true" && !cameras.empty() &&
       (!cameras[0].rotation.isIdentity() || !cameras[0].translation.isZero()))
     file.fail(
@@ -221,12 +213,12 @@ std::vector<Camera> dice_cameras(const CalibrationText& file) {
 }  // namespace
 
 std::vector<Camera> read_cameras(const std::string& path) {
-  std::ifstream stream(path, std::ios::binary);
-  std::ostringstream content;
-  content << "\n";  // so that every key begins a line
-  content << stream.rdbuf();
-  const CalibrationText file{path, content.str()};
-  if (!stream.is_open()) file.fail("the file cannot be read: is its name right?");
+  return parse_cameras(files::read_text(path), path);
+}
+
+std::vector<Camera> parse_cameras(const std::string& text, const std::string& path) {
+  CalibrationText file{path, "\n" + text, {}};  // every key begins a line
+  if (file.has("<opencv_storage") || file.has("DICe_xml_camera_system_file")) file.parse();
   std::vector<Camera> cameras;
   if (file.has("<opencv_storage") || file.has("opencv-matrix"))
     cameras = opencv_cameras(file);

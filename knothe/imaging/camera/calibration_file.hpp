@@ -12,9 +12,11 @@ namespace knothe::imaging {
 /// - OpenCV's FileStorage (.yaml, .xml) with M1, D1, M2, D2, R, T as its stereo calibration writes them (or
 ///   cameraMatrix1, distCoeffs1 …): the world is the first camera, X_2 = R X_1 + T;
 /// - DICe's camera system (.xml): R by rows or angles, t, world to camera; OpenCV's distortion.
-/// Errors: DataError naming file, key and remedy: what cannot be read, lacks a key, or has coefficients that
-/// Camera does not have (thin prism, tilted sensor) or whose meaning is not known with certainty (VIC-3D's
-/// and DICe's other models of distortion).
+/// Errors: IoError; DataError naming file, key and remedy: what cannot be read, lacks a key, or has
+/// coefficients that Camera does not have (thin prism, tilted sensor) or whose meaning is not known with
+/// certainty (VIC-3D's and DICe's other models of distortion).
 [[nodiscard]] std::vector<Camera> read_cameras(const std::string& path);
+/// The same of a file's text.
+[[nodiscard]] std::vector<Camera> parse_cameras(const std::string& text, const std::string& path);
 
 }  // namespace knothe::imaging

@@ -172,6 +172,16 @@ TEST(CalibrationFile, OpenCvXmlHasTheOrderOfItsCoefficients) {
   EXPECT_EQ(camera.translation.x(), -100);
 }
 
+TEST(CalibrationFile, AttributesOfDiceMayStandInAnyOrderAndCommentsAreNone) {
+  std::string text = k_dice;
+  const std::string tag = R"(name="FX" type="double" value="2468.528613")";
+  text.replace(text.find(tag), tag.size(), R"(value="2468.528613" type="double" name="FX")");
+  text.insert(text.find("<Parameter name=\"CX\""), R"(<!-- <Parameter name="CX" value="7" /> -->)");
+  const Camera camera = cameras_of(text.c_str())[0];
+  EXPECT_EQ(camera.fx, 2468.528613);
+  EXPECT_EQ(camera.cx, 638.9130236);
+}
+
 TEST(CalibrationFile, ErrorsNameKeyAndRemedy) {
   const auto message = [](std::string text) {
     return files::message_of<DataError>([&] { (void)cameras_of(text.c_str()); });
@@ -190,6 +200,11 @@ TEST(CalibrationFile, ErrorsNameKeyAndRemedy) {
   EXPECT_NE(message(part).find("CAMERA 0: CX is missing"), std::string::npos) << message(part);
   EXPECT_NE(message("<html>").find("no calibration that is known"), std::string::npos);
   EXPECT_NE(message("<camera id=\"0\"><orientation>").find("not published"), std::string::npos);
+  std::string part = k_dice;
+  part.replace(part.find("\"CX\""), 4, "\"C\"");
+  EXPECT_NE(message(part).find("CAMERA 0: CX is missing"), std::string::npos) << message(part);
+  part = part.substr(0, part.size() / 2);
+  EXPECT_NE(message(part).find("is no XML from byte"), std::string::npos) << message(part);
   std::string skew = k_dice;
   skew.replace(skew.find("\"K1\""), 4, "\"FS\"");
   EXPECT_NE(message(skew).find("CAMERA 0 FS: DICe leaves the skew out"), std::string::npos);

@@ -259,7 +259,7 @@ SurfaceMotion surface_motion(const std::vector<Camera>& cameras, const SurfacePo
   if (result.redundancy == 0) throw NumericalError("no node is measured by two cameras");
   const double reach = (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).norm();
   double squares = 0, step = reach;
-  for (int k = 0; k < k_max_steps && step > 1e-12 * reach; ++k) {
+  for (int k = 0; k < k_max_steps && step > 1e-10 * reach; ++k) {
     Sparse normal(3 * n, 3 * n);
     Eigen::VectorXd right = Eigen::VectorXd::Zero(3 * n);
     result.chi_square = squares = 0;

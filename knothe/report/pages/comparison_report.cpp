@@ -25,10 +25,11 @@ namespace fs = std::filesystem;
 /// What the figures are drawn from.
 nlohmann::ordered_json record_of(const Json& first, const Json& second) {
   nlohmann::ordered_json contents = nlohmann::ordered_json::array();
-  for (const Json* one : {&first, &second})
-    contents.push_back({{"method", one->at("method")},
-                        {"parameters", one->at("parameters")},
-                        {"figures", {{"posterior", one->at("figures").at("posterior")}}}});
+  for (const Json* one : {&first, &second}) {
+    contents.push_back({{"figures", {{"posterior", one->at("figures").at("posterior")}}}});
+    for (const char* member : {"method", "parameters", "covariance", "physical"})
+      if (one->contains(member)) contents.back()[member] = one->at(member);
+  }
   nlohmann::ordered_json record = {{"kind", "comparison"}, {"contents", std::move(contents)}};
   shorten_numbers(record, 6);
   return record;

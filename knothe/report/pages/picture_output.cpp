@@ -147,11 +147,10 @@ void write_table(const PictureTask& task, const PictureFiles& files, const imagi
   imaging::write_reporting_table(files.table, rows);
 }
 
-int exit_status(const std::vector<PictureResult>& results) {
+int series_status(const std::vector<PictureResult>& results) {
   const auto any = [&](auto&& holds) { return std::any_of(results.begin(), results.end(), holds); };
-  if (any([](const auto& r) { return !r.missing; })) return 0;
-  const bool read = any([](const auto& r) { return r.correlation.iterations > 0; });
-  return static_cast<int>(read ? ExitStatus::numerical : ExitStatus::data);
+  return exit_status(any([](const auto& r) { return !r.missing; }),
+                     any([](const auto& r) { return r.correlation.iterations > 0; }));
 }
 
 /// What an earlier run left in the output file; the series goes on behind it.
@@ -222,7 +221,7 @@ int measure_pictures(const PictureTask& task, const PictureFiles& files, const f
       }
     }
   }
-  const int status = exit_status(results);
+  const int status = series_status(results);
   if (status == 0 && files.output.empty() && files.maps.empty() && !output.json())
     fmt::print(stderr,
                "the fields are not kept: -o FILE.h5, .vtu or .pvd writes them, --maps FOLDER draws them\n");

@@ -3,6 +3,7 @@
 #include <optional>
 #include <string>
 
+#include "knothe/base/error.hpp"
 #include "knothe/files/command_output.hpp"
 #include "knothe/imaging/mesh/outline_registration.hpp"
 #include "knothe/imaging/mesh/registration.hpp"
@@ -38,6 +39,11 @@ struct PictureFiles {
 /// Errors: UsageError for files that do not go together, Interrupted with what is kept, IoError.
 [[nodiscard]] int measure_pictures(const PictureTask& task, const PictureFiles& files,
                                    const files::CommandOutput& output);
+
+/// The exit status where any picture was measured, or at least read.
+[[nodiscard]] constexpr int exit_status(bool measured, bool read) {
+  return static_cast<int>(measured ? ExitStatus::done : read ? ExitStatus::numerical : ExitStatus::data);
+}
 
 /// What is to be expected of a test with this surface and camera: looks at the references alone.
 void assess_pattern(const PictureTask& task, const PictureFiles& files, const files::CommandOutput& output);

@@ -49,12 +49,10 @@ void write_fields(const PictureFiles& files, const imaging::StereoSeries& series
 
 int stereo_status(const std::vector<imaging::StereoResult>& results) {
   const auto any = [&](auto&& holds) { return std::any_of(results.begin(), results.end(), holds); };
-  if (any([](const auto& r) { return !r.missing; })) return 0;
-  const bool read = any([](const auto& r) {
-    return std::all_of(r.pictures.begin(), r.pictures.end(),
-                       [](const auto& p) { return p.correlation.iterations > 0; });
-  });
-  return static_cast<int>(read ? ExitStatus::numerical : ExitStatus::data);
+  return exit_status(any([](const auto& r) { return !r.missing; }), any([](const auto& r) {
+                       return std::all_of(r.pictures.begin(), r.pictures.end(),
+                                          [](const auto& p) { return p.correlation.iterations > 0; });
+                     }));
 }
 
 }  // namespace
