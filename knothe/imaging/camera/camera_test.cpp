@@ -50,7 +50,7 @@ TEST(Camera, ItsChangesByParametersAreThoseOfDifferences) {
   const Eigen::Vector3d at(120, -90, 40);
   const auto jacobian = camera.parameter_jacobian(at);
   for (int k = 0; k < k_camera_parameters; ++k) {
-    const double h = 1e-5 * std::max(1.0, std::abs(jacobian.col(k).norm()) > 100 ? 0.1 : 1.0);
+    const double h = 1e-5;
     const CameraChange step = h * CameraChange::Unit(k);
     const Eigen::Vector2d slope =
         (camera.changed(step).project(at).pixel - camera.changed(-step).project(at).pixel) / (2 * h);
@@ -195,9 +195,6 @@ TEST(CalibrationFile, ErrorsNameKeyAndRemedy) {
   std::string other = k_dice;
   other.replace(other.find("OPENCV_LENS"), 11, "K1R1_K2R2_K");
   EXPECT_NE(message(other).find("OPENCV_LENS_DISTORTION is"), std::string::npos) << message(other);
-  std::string part = k_dice;
-  part.replace(part.find("\"CX\""), 4, "\"C\"");
-  EXPECT_NE(message(part).find("CAMERA 0: CX is missing"), std::string::npos) << message(part);
   EXPECT_NE(message("<html>").find("no calibration that is known"), std::string::npos);
   EXPECT_NE(message("<camera id=\"0\"><orientation>").find("not published"), std::string::npos);
   std::string part = k_dice;

@@ -38,13 +38,15 @@ Eigen::MatrixXd weighted(const Derivatives& at, const Eigen::SparseMatrix<double
 void factorise(Factor& factor, const Eigen::SparseMatrix<double>& normal) {
   factor.compute(normal);
   if (factor.info() != Eigen::Success || !(factor.vectorD().minCoeff() > 0))
-    throw NumericalError("the cameras do not determine the surface's motion, and so not what a change of them does");
+    throw NumericalError(
+        "the cameras do not determine the surface's motion, and so not what a change of them does");
 }
 
 }  // namespace
 
 Eigen::MatrixXd calibration_sensitivity(const std::vector<Camera>& cameras, const SurfacePoints& points,
-                                        const std::vector<CameraMotion>& motions, const SurfaceMotion& found) {
+                                        const std::vector<CameraMotion>& motions,
+                                        const SurfaceMotion& found) {
   const Index n = points.cols(), count = std::ssize(cameras), size = k_camera_parameters;
   const SurfacePoints moved = points + Eigen::Map<const SurfacePoints>(found.displacement.data(), 3, n);
   std::vector<CameraMotion> rest = motions;
@@ -62,7 +64,8 @@ Eigen::MatrixXd calibration_sensitivity(const std::vector<Camera>& cameras, cons
   for (Index c = 0; c < count; ++c) {
     Eigen::MatrixXd change(2 * n, size * count);
     for (Index a = 0; a < n; ++a)
-      change.middleRows<2>(2 * a) = (after[c].by_place[a] - before[c].by_place[a]) * shape.middleRows<3>(3 * a);
+      change.middleRows<2>(2 * a) =
+          (after[c].by_place[a] - before[c].by_place[a]) * shape.middleRows<3>(3 * a);
     change.middleCols(size * c, size) += after[c].by_change - before[c].by_change;
     right -= weighted(after[c], motions[c].precision, change);
   }
