@@ -19,6 +19,8 @@ void add_camera_options(CLI::App& command, CameraArguments& arguments) {
 void set_cameras(const CameraArguments& arguments, bool single, report::PictureTask& task) {
   if (arguments.calibration.empty() != arguments.other.empty())
     throw UsageError("--cameras CALIBRATION and --other PICTURES… belong together");
+  if (arguments.calibration.empty() && !arguments.unit.empty())
+    throw UsageError("--camera-unit is that of a calibration: give --cameras, or [dic] camera_unit");
   if (!arguments.calibration.empty())
     task.cameras = imaging::StereoOptions{
         report::cameras_in_metres(arguments.calibration, arguments.unit == "m" ? 1 : 1e-3),

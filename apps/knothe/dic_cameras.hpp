@@ -10,7 +10,7 @@ namespace knothe::commands {
 
 struct CameraArguments {
   std::string calibration;         ///< file
-  std::string unit = "mm";         ///< of length, in it
+  std::string unit;                ///< of length, in it; empty: mm
   std::vector<std::string> other;  ///< pictures of the further cameras
 };
 

@@ -3,7 +3,8 @@ things, and what its pages tell a user to type works.
 
 A tutorial is run as a user runs it, all its blocks in one folder and in their order: a `toml` or `py` block that begins with
 `# NAME.ext` is that file, a `sh` block is typed (a `bash` block is only shown), and of a `text` block after it each line was printed: `…` is
-anything, a time anything too, and other numbers agree to 10 % (processors differ in the last digits, which sampling makes larger).
+anything, a time anything too; whole numbers are these, and others (or beside a ±) agree to 10 %: processors differ in the last digits,
+which sampling makes larger.
 """
 import functools
 import os
@@ -51,9 +52,11 @@ def was_printed(line, output):
     """Whether a line of `output` begins as `line` does."""
     said = []
     pattern = ""
-    for piece in re.split(rf"(…|{NUMBER} (?:µs|ms|s)\b|{NUMBER}|\s+)", line.strip()):
+    pieces = [piece for piece in re.split(rf"(…|{NUMBER} (?:µs|ms|s)\b|{NUMBER}|\s+)", line.strip()) if piece]
+    for i, piece in enumerate(pieces):
         if re.fullmatch(NUMBER, piece):
-            said.append(float(piece.replace("−", "-")))
+            counts = re.fullmatch(r"[-−+]?\d+", piece) and "±" not in pieces[max(0, i - 2):i + 3]
+            said.append((float(piece.replace("−", "-")), 0 if counts else 0.1))
             pattern += rf"(?<!\d)({NUMBER})(?!\d)"
         elif piece.isspace():
             pattern += r"\s+"
@@ -62,7 +65,7 @@ def was_printed(line, output):
     pattern = pattern.replace(r"\s+.*?\s+", ".*?").replace(r"\s+.*?", ".*?")
     for found in re.finditer(rf"(?m)^[ \t]*{pattern}", output):
         printed = [float(number.replace("−", "-")) for number in found.groups()]
-        if all(abs(a - b) <= 0.1 * abs(a) for a, b in zip(said, printed, strict=True)):
+        if all(abs(a - b) <= margin * abs(a) for (a, margin), b in zip(said, printed, strict=True)):
             return True
     return False
 

@@ -309,7 +309,7 @@ void PosteriorSolver::set_few_points(const posterior::QuadraturePosterior& quadr
   const double floor = 0.01 / r.weights.size();
   for (const Eigen::Index i : quadrature.every_other)
     if (r.weights[i] > floor) kept.push_back(i);
-  if (std::ssize(kept) > likelihood::k_prediction_points) return;
+  if (kept.empty() || std::ssize(kept) > likelihood::k_prediction_points) return;
   r.few.points = r.points(kept, Eigen::all);
   r.few.weights = r.weights(kept);
   r.few.weights /= r.few.weights.sum();

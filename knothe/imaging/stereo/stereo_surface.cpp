@@ -215,8 +215,7 @@ StereoSurface find_surface(const std::vector<Camera>& cameras, const std::vector
     throw DataError(fmt::format(
         "the lines of sight of matched points miss each other by {:.3g} px (root mean square), more than {} "
         "px: the calibration does not belong to these pictures; check their order, the file's convention, "
-        "and "
-        "whether a camera moved since",
+        "and whether a camera moved since",
         epipolar, epipolar_bound));
   const SurfacePoints points = sight.points();
   std::vector<char> wanted(mesh.elements.size(), 1);
@@ -257,9 +256,11 @@ SurfaceMotion surface_motion(const std::vector<Camera>& cameras, const SurfacePo
   }
   result.displacement = Eigen::VectorXd::Zero(3 * n);
   if (result.redundancy == 0) throw NumericalError("no node is measured by two cameras");
+  std::vector<ImageMesh> seen;
+  for (const Camera& camera : cameras) seen.push_back(seen_mesh(camera, points, {}));
   const double reach = (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).norm();
   double squares = 0, step = reach;
-  for (int k = 0; k < k_max_steps && step > 1e-10 * reach; ++k) {
+  for (int k = 0; k < k_max_steps && step > k_converged * reach; ++k) {
     Sparse normal(3 * n, 3 * n);
     Eigen::VectorXd right = Eigen::VectorXd::Zero(3 * n);
     result.chi_square = squares = 0;
@@ -271,7 +272,7 @@ SurfaceMotion surface_motion(const std::vector<Camera>& cameras, const SurfacePo
         gradient[a] = moved.jacobian;
         if (motions[c].measured[a] != 0)
           residual.segment<2>(2 * a) = motions[c].displacement.segment<2>(2 * a) -
-                                       (moved.pixel - cameras[c].project(points.col(a)).pixel);
+                                       (moved.pixel - Eigen::Vector2d(seen[c].x[a], seen[c].y[a]));
         if (result.measured[a] != 0) squares += residual.segment<2>(2 * a).squaredNorm();
       }
       const Sparse j = block_diagonal(gradient), weighted = motions[c].precision * j;
@@ -287,8 +288,7 @@ SurfaceMotion surface_motion(const std::vector<Camera>& cameras, const SurfacePo
   if (!(step <= k_converged * reach))
     throw NumericalError(
         "no motion in space was found that explains what the cameras measured: were their pictures taken at "
-        "the "
-        "same time?");
+        "the same time?");
   result.epipolar_rms = std::sqrt(squares / result.redundancy);
   result.std = displacement_std(result.precision);
   for (Index a = 0; a < n; ++a)

@@ -31,8 +31,6 @@ namespace {
 namespace fs = std::filesystem;
 using imaging::PictureResult;
 
-constexpr std::chrono::seconds k_save_every{30};
-
 /// A file name for a picture's results: its own, without folder and ending; made different where two are
 /// alike.
 std::vector<std::string> stems_of(const std::vector<std::string>& pictures) {
@@ -214,7 +212,6 @@ int measure_pictures(const PictureTask& task, const PictureFiles& files, const f
                   record::picture_text(r, noise_std, task.frame));
       written.add(series, r, std, noise_std);
       progress.advance_to(results.size());
-      // A long series must not be lost with the machine's power.
       if (std::chrono::steady_clock::now() - saved > k_save_every) {
         written.finish(series, results);
         saved = std::chrono::steady_clock::now();

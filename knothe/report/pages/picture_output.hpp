@@ -1,5 +1,6 @@
 #pragma once
 /// @file `knothe dic`: pictures are correlated one by one, and what was asked for is written.
+#include <chrono>
 #include <optional>
 #include <string>
 
@@ -39,6 +40,9 @@ struct PictureFiles {
 /// Errors: UsageError for files that do not go together, Interrupted with what is kept, IoError.
 [[nodiscard]] int measure_pictures(const PictureTask& task, const PictureFiles& files,
                                    const files::CommandOutput& output);
+
+/// A long series must not be lost with the machine's power: its file is written so often.
+inline constexpr std::chrono::seconds k_save_every{30};
 
 /// The exit status where any picture was measured, or at least read.
 [[nodiscard]] constexpr int exit_status(bool measured, bool read) {

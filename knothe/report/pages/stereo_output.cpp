@@ -23,8 +23,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::chrono::seconds k_save_every{30};
-
 void check_stereo_files(const PictureFiles& files, std::size_t pictures) {
   if (!files.at.empty() || !files.maps.empty() || !files.table.empty() || files.std || files.resume)
     throw UsageError("--at, --std, --maps, --table and --resume are for one camera; with --cameras use -o");
@@ -104,7 +102,6 @@ int measure_cameras(const imaging::StereoOptions& task, const std::string& proje
       write_fields(files, series, r, entries);
       r.motion.precision = {};  // made again for the file: it is larger than all else
       progress.advance_to(results.size());
-      // A long series must not be lost with the machine's power.
       if (std::chrono::steady_clock::now() - saved > k_save_every)
         save(), saved = std::chrono::steady_clock::now();
     }
