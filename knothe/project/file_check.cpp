@@ -130,7 +130,7 @@ FileCheck check_files(const Project& project) {
   const std::string data = fields ? fields_folder(project.fields) : project.data;
   std::vector<std::string> files = {project.model,           data,
                                     pictures.folder,         pictures.series.mask,
-                                    pictures.cameras,        project.fields.steps,
+                                    pictures.cameras,        pictures.calibration_std, project.fields.steps,
                                     project.fields.reference};
   files.insert(files.end(), pictures.other_folders.begin(), pictures.other_folders.end());
   for (const DataSource& source : project.sources) files.push_back(source.file);

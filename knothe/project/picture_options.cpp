@@ -128,6 +128,10 @@ void add_camera_options(Section<G>& s) {
         "Displacements are then in metres, three components, in its frame.",
         file);
   s.choice("camera_unit", &G::cameras_in_metres, "mm", "m", "Unit of length of the calibration.");
+  s.add("calibration_std", &G::calibration_std,
+        "Uncertainty of the calibration, an error that all pictures share: CSV with a row for each parameter "
+        "that is not exact (`parameter`: camera0.fx, …) and its `std`, or a column for each: the covariance.",
+        file);
   s.add("other_pictures", &G::other_folders,
         "Folders of the further cameras' pictures, in the calibration's order; as many pictures as in "
         "`[data] pictures`, which holds the first camera's.");
@@ -274,7 +278,7 @@ void complete_cameras(Values& values, Given& g) {
   g.camera_unit = g.cameras_in_metres ? 1 : 1e-3;
   for (std::string& folder : g.other_folders) folder = values.resolved(folder);
   if (g.cameras.empty())
-    return refuse(values, {"dic.camera_unit", "dic.other_pictures"}, "\"dic.cameras\", a calibration");
+    return refuse(values, {"dic.camera_unit", "dic.calibration_std", "dic.other_pictures"}, "\"dic.cameras\", a calibration");
   for (const char* key : {"dic.scale", "dic.pixels", "dic.registration", "dic.crack", "dic.drift", "dic.mesh",
                           "dic.reference_update", "dic.regularisation"})
     if (values.has(key))

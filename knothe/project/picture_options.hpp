@@ -39,6 +39,7 @@ struct PictureOptions {
   bool mesh_in_metres = false;  ///< unit of that file
   std::string cameras;          ///< [dic] cameras, resolved; empty: one camera, without calibration
   double camera_unit = 1e-3;    ///< m
+  std::string calibration_std;  ///< resolved; empty: the calibration is exact
   std::vector<std::string> other_folders;  ///< [dic] other_pictures, resolved: one for each further camera
 };
 

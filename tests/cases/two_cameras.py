@@ -135,7 +135,7 @@ roi = [12, 12, 147, 107]
 
     def test_wrong_usage(self):
         self.draw()
-        self.dic("--camera-unit", "m", status=2, stderr="--camera-unit is that of a calibration: give --cameras, or [dic] camera_unit")
+        self.dic("--camera-unit", "m", status=2, stderr="--camera-unit and --calibration-std are those of a calibration: give --cameras")
         self.dic("--cameras", "stereo.yaml", status=2, stderr=["--cameras CALIBRATION and --other PICTURES… belong together"])
         self.dic("--cameras", "stereo.yaml", "--other", "right/0_reference.pgm", status=2,
                  stderr=["--other takes the pictures of the further cameras, 2 of each: its reference, then the deformed ones in the "

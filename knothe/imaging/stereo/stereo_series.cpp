@@ -80,7 +80,13 @@ StereoResult StereoSeries::next() {
   if (result.missing) return result;
   const auto start = std::chrono::steady_clock::now();
   try {
-    result.motion = motion(result, gamma);
+    const std::vector<CameraMotion> seen = motions(result, gamma);
+    result.motion = surface_motion(options_.cameras, surface_.points, seen);
+    result.calibration = Eigen::MatrixXd::Zero(3 * surface_.points.cols(), 0);
+    if (!options_.calibration.names.empty())
+      result.calibration =
+          calibration_sensitivity(options_.cameras, surface_.points, seen, result.motion) *
+          options_.calibration.factor;
     if (!(result.motion.epipolar_rms <= options_.epipolar_bound)) {
       result.message = fmt::format(
           "{}: the cameras' displacements contradict each other by {:.3g} px (root mean square): were the "
@@ -97,19 +103,20 @@ StereoResult StereoSeries::next() {
   return result;
 }
 
-SurfaceMotion StereoSeries::motion(const StereoResult& result, const std::vector<double>& gamma) const {
+std::vector<CameraMotion> StereoSeries::motions(const StereoResult& result,
+                                                const std::vector<double>& gamma) const {
   std::vector<CameraMotion> motions;
   for (Index c = 0; c < std::ssize(series_); ++c) {
     const CorrelationResult& r = result.pictures[c].correlation;
     motions.push_back({r.displacement, series_[c]->precision(r.element_valid, gamma[c], r.gain).matrix,
                        measured_nodes(surface_.meshes[c], r.element_valid)});
   }
-  return surface_motion(options_.cameras, surface_.points, motions);
+  return motions;
 }
 
 Eigen::SparseMatrix<double> StereoSeries::precision(const StereoResult& result,
                                                     const std::vector<double>& gamma) const {
-  return motion(result, gamma).precision;
+  return surface_motion(options_.cameras, surface_.points, motions(result, gamma)).precision;
 }
 
 std::vector<std::string> StereoSeries::remarks() const {

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "knothe/imaging/series/picture_series.hpp"
+#include "knothe/imaging/stereo/calibration_error.hpp"
 #include "knothe/imaging/stereo/stereo_surface.hpp"
 
 namespace knothe::imaging {
@@ -14,6 +15,7 @@ struct StereoOptions {
   /// Of each camera, as many pictures each; region, mask, mesh and elements are those of the first, in its
   /// px; of a mask the elements that lie wholly in it.
   std::vector<SeriesOptions> series;
+  CalibrationError calibration;  ///< no columns: taken as exact
   double epipolar_bound = 0.5;  ///< px; lines of sight that miss each other by more are refused
 };
 
@@ -24,7 +26,15 @@ struct StereoResult {
   std::string message;
   std::vector<PictureResult> pictures;  ///< of each camera
   SurfaceMotion motion;                 ///< m; all empty if missing
+  /// 3n × q, m: what each error of the calibration, in its standard deviations, does to the displacements.
+  Eigen::MatrixXd calibration;
   double elapsed_ms = 0;                ///< reading not counted
+
+  /// Of the displacements: the calibration's part, and with the noise's, m.
+  [[nodiscard]] Eigen::VectorXd calibration_std() const { return calibration.rowwise().norm(); }
+  [[nodiscard]] Eigen::VectorXd std() const {
+    return (motion.std.cwiseAbs2() + calibration_std().cwiseAbs2()).cwiseSqrt();
+  }
 };
 
 /// The correlation of such a test, set by set.
@@ -50,7 +60,8 @@ class StereoSeries {
   [[nodiscard]] std::vector<char> valid_elements(const StereoResult& result) const;
 
  private:
-  [[nodiscard]] SurfaceMotion motion(const StereoResult& result, const std::vector<double>& gamma) const;
+  [[nodiscard]] std::vector<CameraMotion> motions(const StereoResult& result,
+                                                  const std::vector<double>& gamma) const;
 
   StereoOptions options_;
   StereoSurface surface_;

@@ -10,6 +10,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/testing/long_form.hpp"
+#include "knothe/files/atomic_file.hpp"
 #include "knothe/files/testing/recorded_data.hpp"
 #include "knothe/files/testing/test_folder.hpp"
 #include "knothe/imaging/correlation/correlation_noise.hpp"
@@ -194,6 +195,42 @@ Eigen::VectorXd calibration_std() {
   CameraChange one;
   one << 4, 4, 0.05, 0.05, 0.1, 0.5, 20, 0, 0, 0, 0, 1e-4, 1e-4, 5e-6, 5e-6, 5e-6, 0.005, 0.005, 0.2;
   return one.replicate<2, 1>();
+}
+
+TEST(CalibrationError, IsReadAsDeviationsOrAsACovariance) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("std.csv");
+  const auto read = [&](const std::string& text) {
+    files::write_text_atomically(path, text);
+    return read_calibration_error(path, 2, 1e-3);
+  };
+  const CalibrationError error = read("parameter,std\ncamera0.fx,4\ncamera1.tz,0.2\ncamera1.k1,0.5\n");
+  EXPECT_EQ(error.names, (std::vector<std::string>{"camera0.fx", "camera1.tz", "camera1.k1"}));
+  Eigen::MatrixXd wanted = Eigen::MatrixXd::Zero(2 * k_camera_parameters, 3);
+  wanted(0, 0) = 4, wanted(2 * k_camera_parameters - 1, 1) = 0.2e-3, wanted(k_camera_parameters + 5, 2) = 0.5;
+  EXPECT_EQ(error.factor, wanted);
+
+  const CalibrationError both =
+      read("parameter,camera0.fx,camera0.tz\ncamera0.fx,16,0.6\ncamera0.tz,0.6,0.04\n");
+  EXPECT_EQ(both.names, (std::vector<std::string>{"calibration.1", "calibration.2"}));
+  const Eigen::MatrixXd covariance = both.factor * both.factor.transpose();
+  EXPECT_NEAR(covariance(0, 0), 16, 1e-12);
+  EXPECT_NEAR(covariance(0, 18), 0.6e-3, 1e-15);
+  EXPECT_NEAR(covariance(18, 18), 0.04e-6, 1e-18);
+  EXPECT_NEAR(covariance.sum(), 16 + 1.2e-3 + 0.04e-6, 1e-12);
+
+  for (const auto& [text, complaint] : std::vector<std::pair<std::string, std::string>>{
+           {"parameter,std\ncamera0.fx,4\ncamera2.fx,4\n",
+            "std.csv:3:1: error: column parameter: \"camera2.fx\" is no parameter of these 2 cameras (did you mean"},
+           {"parameter,std\ncamera0.fx,4\ncamera0.fx,4\n", "camera0.fx is there twice"},
+           {"parameter,std\ncamera0.fx,0\n", "a standard deviation is positive: leave out what is exact"},
+           {"parameter,std\n", "it names no parameter"},
+           {"parameter,camera0.fx\ncamera0.fx,16\ncamera0.fy,16\n", "column camera0.fy is missing"},
+           {"parameter,camera0.fx,camera0.fy\ncamera0.fx,1,2\ncamera0.fy,2,1\n", "this is no covariance"},
+           {"parameter,camera0.fx,camera0.fy\ncamera0.fx,1,0.5\ncamera0.fy,0,1\n", "this is no covariance"}}) {
+    const std::string message = files::message_of<DataError>([&, &text = text] { (void)read(text); });
+    EXPECT_NE(message.find(complaint), std::string::npos) << message;
+  }
 }
 
 TEST(CalibrationError, TheSensitivityIsThatOfMeasuringWithOtherCameras) {

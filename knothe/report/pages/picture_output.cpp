@@ -179,8 +179,8 @@ PictureTask picture_task(const std::string& project_file) {
   PictureTask task;
   task.project_text = project.text;
   if (const project::PictureOptions& p = project.pictures; !p.cameras.empty()) {
-    task.cameras = imaging::StereoOptions{cameras_in_metres(p.cameras, p.camera_unit),
-                                          project::camera_series_options(project)};
+    task.cameras = cameras_in_metres(p.cameras, p.camera_unit, p.calibration_std);
+    task.cameras->series = project::camera_series_options(project);
     task.series = task.cameras->series.front();
     return task;
   }

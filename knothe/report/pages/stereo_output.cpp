@@ -55,10 +55,13 @@ int stereo_status(const std::vector<imaging::StereoResult>& results) {
 
 }  // namespace
 
-std::vector<imaging::Camera> cameras_in_metres(const std::string& path, double unit) {
-  std::vector<imaging::Camera> cameras = imaging::read_cameras(path);
-  for (imaging::Camera& camera : cameras) camera.translation *= unit;
-  return cameras;
+imaging::StereoOptions cameras_in_metres(const std::string& path, double unit, const std::string& error) {
+  imaging::StereoOptions options;
+  options.cameras = imaging::read_cameras(path);
+  for (imaging::Camera& camera : options.cameras) camera.translation *= unit;
+  if (!error.empty())
+    options.calibration = imaging::read_calibration_error(error, std::ssize(options.cameras), unit);
+  return options;
 }
 
 std::vector<imaging::SeriesOptions> listed_series(const imaging::SeriesOptions& first,

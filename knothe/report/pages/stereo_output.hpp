@@ -9,8 +9,10 @@
 
 namespace knothe::report {
 
-/// The cameras of a calibration in metres; `unit` of the file, m. Errors: DataError.
-[[nodiscard]] std::vector<imaging::Camera> cameras_in_metres(const std::string& path, double unit);
+/// The cameras of a calibration in metres; `unit` of the files, m. `error`: of the calibration, empty: none.
+/// Errors: DataError.
+[[nodiscard]] imaging::StereoOptions cameras_in_metres(const std::string& path, double unit,
+                                                       const std::string& error);
 
 /// Each camera's series: `first`, and pictures of the others in a list, camera by camera, each beginning with
 /// its reference. Errors: UsageError where the list cannot be divided so.
