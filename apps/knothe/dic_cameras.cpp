@@ -7,8 +7,8 @@ namespace knothe::commands {
 
 void add_camera_options(CLI::App& command, CameraArguments& arguments) {
   command.add_option("--cameras", arguments.calibration,
-                     "calibration of two or more cameras, OpenCV's (.yaml, .xml) or DICe's (.xml): three "
-                     "components, in m; FILES are the pictures of its first camera");
+                     "calibration of two or more cameras, OpenCV's (.yaml, .xml), DICe's (.xml) or MatchID's "
+                     "(.caldat): three components, in m; FILES are the pictures of its first camera");
   command.add_option("--camera-unit", arguments.unit, "unit of length of the calibration (default: mm)")
       ->check(CLI::IsMember({"mm", "m"}));
   command.add_option("--calibration-std", arguments.std,
@@ -27,8 +27,8 @@ void set_cameras(const CameraArguments& arguments, bool single, report::PictureT
         "--camera-unit and --calibration-std are those of a calibration: give --cameras, or [dic] camera_unit "
         "and calibration_std");
   if (!arguments.calibration.empty()) {
-    task.cameras = report::cameras_in_metres(arguments.calibration, arguments.unit == "m" ? 1 : 1e-3,
-                                             arguments.std);
+    task.cameras =
+        imaging::cameras_in_metres(arguments.calibration, arguments.unit == "m" ? 1 : 1e-3, arguments.std);
     task.cameras->series = report::listed_series(task.series, arguments.other);
   }
   if (!task.cameras) return;

@@ -83,8 +83,8 @@ Eigen::MatrixXd effect_of_clock(const likelihood::Measurements& m, std::size_t c
 }
 
 /// The noise with the errors that all data share: beside those it has, what the values of a series have in
-/// common, and what clocks are ahead by. `clock`: the one that tells the model's time, `by_clock` and `expected` as in
-/// `effect_of_clock`.
+/// common, and what clocks are ahead by. `clock`: the one that tells the model's time, `by_clock` and
+/// `expected` as in `effect_of_clock`.
 likelihood::NoiseModel with_shared_errors(const Project& project, const model::SeparatedModel& model,
                                           const likelihood::Measurements& m, std::optional<std::size_t> clock,
                                           const Eigen::MatrixXd& by_clock, const Eigen::MatrixXd& expected) {

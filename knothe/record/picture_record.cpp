@@ -129,8 +129,7 @@ nlohmann::ordered_json stereo_record(const imaging::StereoSeries& series, const 
     return line;
   }
   line["noise_std_m"] = mean_deviation(r.motion, r.motion.std);
-  if (r.calibration.cols() > 0)
-    line["calibration_std_m"] = mean_deviation(r.motion, r.calibration_std());
+  if (r.calibration.cols() > 0) line["calibration_std_m"] = mean_deviation(r.motion, r.calibration_std());
   line["epipolar_rms_px"] = r.motion.epipolar_rms;
   line["chi_square_per_value"] = r.motion.chi_square / r.motion.redundancy;
   return line;

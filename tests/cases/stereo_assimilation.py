@@ -76,6 +76,70 @@ print(json.dumps({"mean": mean, "std": std}))
 """
 
 
+# The displacements of the formula in place of those measured.
+EXACT = """
+import sys
+import h5py, numpy
+sys.path.insert(0, sys.argv[1])
+import analytic_model
+with h5py.File("u.h5", "a") as file:
+    points, component = file["dofs/points"][:], file["dofs/component"][:]
+    exact = numpy.array([[analytic_model.displacement(int(c), tuple(x), t, 1.06, 0.96) for c, x in zip(component, points)]
+                         for t in file["time"][:]])
+    measured = file["values"][:]
+    assert exact.shape == measured.shape and not numpy.isnan(measured).any()
+    file["values"][:] = exact
+    import json
+    print(json.dumps([float(abs((measured - exact)[:, component == k]).max()) for k in range(3)]))
+"""
+
+WIDTH, HEIGHT, FOCAL = 340, 170, 2500  # px
+DISTANCE = 2  # m; elements of 3 cm
+CENTRE = (0, 0.05, 0.05)  # of the face, m
+CAMERAS = """
+[dic]
+cameras = "cameras.xml"
+camera_unit = "m"
+other_pictures = ["pictures/camera_1"]
+mesh = "model"
+
+[simulate]
+truth = { Y0 = 1.06, Ad = 0.96 }
+seed = 4
+
+[simulate.camera]
+width = 340
+height = 170
+noise = 1
+dot_radius = 2.5
+references = 2
+every = 4
+"""
+
+
+def product(a, b):
+    return [[sum(x * y for x, y in zip(row, column)) for column in zip(*b)] for row in a]
+
+
+def applied(matrix, vector):
+    return [sum(x * y for x, y in zip(row, vector)) for row in matrix]
+
+
+def pose(angle):
+    """R and t of a camera in front of the face, turned about the vertical; the model's y is up, its z towards the cameras."""
+    c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    rotation = product([[c, 0, s], [0, 1, 0], [-s, 0, c]], [[1, 0, 0], [0, -1, 0], [0, 0, -1]])
+    return rotation, [a - b for a, b in zip((0, 0, DISTANCE), applied(rotation, CENTRE))]
+
+
+POSES = [pose(12.5), pose(-12.5)]
+
+
+def seen_by_the_first(point):
+    x, y, z = (a + b for a, b in zip(applied(POSES[0][0], point), POSES[0][1]))
+    return [WIDTH / 2 + FOCAL * x / z, HEIGHT / 2 + FOCAL * y / z]
+
+
 class Test(Case):
     project_name = "stereo_assimilation.toml"
     fixture = "analytic"
@@ -111,6 +175,111 @@ class Test(Case):
         # As exact the same data contradict the model.
         self.run_python('import h5py\nwith h5py.File("u.h5", "a") as file: del file["noise/shared_errors"]')
         self.assertEqual(self.run_knothe("assimilate", self.project_name, "--json").status, 8)
+
+    def with_cameras(self):
+        """Two cameras in the model's frame, as DICe writes them."""
+        lists = []
+        for number, (rotation, translation) in enumerate(POSES):
+            values = {"CX": WIDTH / 2, "CY": HEIGHT / 2, "FX": FOCAL, "FY": FOCAL, **dict(zip(("TX", "TY", "TZ"), translation))}
+            values = {key: repr(value) for key, value in values.items()}
+            values.update({f"ROW {k}": "{" + ", ".join(map(repr, row)) + "}" for k, row in enumerate(rotation)})
+            lists.append(f'<ParameterList name="CAMERA {number}">\n' + "".join(
+                f'<Parameter name="{key}" type="string" value="{value}" />\n' for key, value in values.items()) + "</ParameterList>\n")
+        (self.folder / "cameras.xml").write_text(
+            '<ParameterList>\n<Parameter name="xml_file_format" type="string" value="DICe_xml_camera_system_file" />\n'
+            + "".join(lists) + "</ParameterList>\n")
+        self.edit('file = "u.h5"\n', 'pictures = "pictures/camera_0"\n' + CAMERAS)
+
+    def draw(self):
+        self.expect(0, "simulate", self.project_name, "--model", "model.h5", "--images", "-o", "pictures")
+
+    def test_drawn_without_noise_they_give_the_posterior_of_exact_displacements(self):
+        """One noise is stated, one covariance: what differs is the bias of drawing, correlation and triangulation."""
+        self.with_cameras()
+        self.edit("noise = 1\n", "noise = 0\nbit_depth = 16\n")
+        self.edit('mesh = "model"\n', 'mesh = "model"\nnoise = 257\n')
+        self.draw()
+        self.expect(0, "dic", self.project_name, "-o", "u.h5")
+        at_once = self.assimilate()
+        self.edit('pictures = "pictures/camera_0"\n' + CAMERAS.split("[simulate]")[0].replace('mesh = "model"\n', 'mesh = "model"\nnoise = 257\n'),
+                  'file = "u.h5"\n')
+        measured = self.assimilate()
+        self.assertEqual([line["mean"] for line in measured], [line["mean"] for line in at_once])
+        worst = self.run_python(EXACT)
+        self.assertLess(max(worst[:2]), 2e-6)
+        exact = self.assimilate()
+        self.expect_posterior(exact[-1], self.run_python(QUADRATURE))
+        for one, other in zip(measured, exact):
+            for k in range(2):
+                std = math.sqrt(other["covariance"][k][k])
+                self.assertLess(abs(one["mean"][k] - other["mean"][k]), 0.1 * std)
+                self.assertAlmostEqual(math.sqrt(one["covariance"][k][k]), std, delta=0.01 * std)
+
+    def test_pictures_with_noise_cover_the_truth_in_any_frame(self):
+        """With the calibration in the model's frame, and as OpenCV has it, in the first camera's, with four points of the face."""
+        self.with_cameras()
+        self.draw()
+        exact = self.assimilate()[-1]
+        for k in range(2):
+            self.assertLess(abs(exact["mean"][k] - TRUTH[k]), 3.3 * math.sqrt(exact["covariance"][k][k]), exact)
+        (first, t), (second, s) = POSES
+        between = product(second, [list(row) for row in zip(*first)])
+        place = [1e3 * (a - b) for a, b in zip(s, applied(between, t))]
+        intrinsics = f"data: [ {FOCAL}., 0., {WIDTH / 2}, 0., {FOCAL}., {HEIGHT / 2}, 0., 0., 1. ]"
+        keys = {"M1": intrinsics, "M2": intrinsics, "D1": "data: [ 0., 0., 0., 0. ]", "D2": "data: [ 0., 0., 0., 0. ]",
+                "R": f"data: {sum(between, [])}", "T": f"data: {place}"}
+        (self.folder / "cameras.yaml").write_text(
+            "%YAML:1.0\n---\n" + "".join(f"{key}: !!opencv-matrix\n   {value}\n" for key, value in keys.items()))
+        (self.folder / "std.csv").write_text("parameter,std\ncamera0.fx,0.5\ncamera1.fx,0.5\ncamera1.wy,1e-5\ncamera1.tx,0.05\n")
+        corners = [[-0.12, 0], [0.12, 0], [0.12, 0.1], [-0.12, 0.1]]
+        pixels = [seen_by_the_first((x, y, 0.05)) for x, y in corners]
+        self.edit('cameras = "cameras.xml"\ncamera_unit = "m"\n',
+                  f'cameras = "cameras.yaml"\ncalibration_std = "std.csv"\npixels = {pixels}\npoints = {corners}\npoint_std = 0.3\n')
+        self.expect(3, "simulate", self.project_name, "--model", "model.h5", "--images", "-o", "others",
+                    stderr=[self.position_of("pixels = "), "to draw those, give a calibration in the model's frame"])
+        outcome = self.expect(0, "assimilate", self.project_name, "--json", stderr="registered by 4 points: at most 0.")
+        line = outcome.lines()[-2]
+        self.assertEqual(list(line["nuisances"]), ["camera0.fx", "camera1.fx", "camera1.wy", "camera1.tx", "registration.turn"])
+        for k in range(2):
+            std = math.sqrt(exact["covariance"][k][k])
+            self.assertLess(abs(line["mean"][k] - exact["mean"][k]), 0.5 * std)
+            self.assertGreater(math.sqrt(line["covariance"][k][k]), 0.999 * std)
+        # What the calibration's error does is said beside the noise.
+        one, *_ = self.expect(0, "dic", self.project_name, "--json").lines()
+        self.assertEqual([value > 0 for value in one["calibration_std_m"]], [True] * 3)
+        self.edit("pixels = [[", "pixels = [[9.0, 9.0], [")
+        self.expect(2, "dic", self.project_name, stderr="5 pixels and 4 points; at least two of each, as many, are needed")
+        self.edit("pixels = [[9.0, 9.0], [", "pixels = [[")
+        self.edit('calibration_std', 'camera_unit = "m"\ncalibration_std')
+        self.expect(4, "dic", self.project_name, stderr=["a point is ", " mm from where the cameras see it", "the unit of the calibration"])
+
+    def test_a_series_goes_on_where_it_was(self):
+        self.with_cameras()
+        self.draw()
+        names = sorted(path.name for path in (self.folder / "pictures" / "camera_0").glob("picture_*.tif"))
+        self.assertEqual(len(names), 3)
+
+        def dic(count, output, *more, **options):
+            lists = [[f"pictures/camera_{c}/{name}" for name in ["reference_1.tif", *names[:count]]] for c in (0, 1)]
+            return self.expect(0, "dic", *lists[0], "--cameras", "cameras.xml", "--camera-unit", "m", "--other", *lists[1],
+                               "--element-size", 30, "-o", output, *more, **options)
+
+        whole = dic(3, "whole.h5", "--json").lines()
+        dic(2, "u.h5")
+        rest = dic(3, "u.h5", "--resume", "--maps", "maps", "--json", stderr="2 of 3 sets of pictures are in u.h5 already").lines()
+        self.assertEqual([{**line, "elapsed_ms": 0} for line in rest], [{**line, "elapsed_ms": 0} for line in whole[2:]])
+        self.assertEqual([path.name for path in (self.folder / "maps").iterdir()], [names[2].replace("tif", "png")])
+        self.run_python("""
+import h5py, numpy
+with h5py.File("whole.h5") as one, h5py.File("u.h5") as other:
+    for name in ("values", "displacement_std", "noise/precision/data", "cameras/1/picture_frame/displacement"):
+        assert numpy.array_equal(one[name][:], other[name][:], equal_nan=True), name
+""")
+        text = (self.folder / "cameras.xml").read_text()
+        (self.folder / "cameras.xml").write_text(text.replace(f'value="{POSES[1][1][0]!r}"', f'value="{POSES[1][1][0] + 1e-4!r}"'))
+        lists = [[f"pictures/camera_{c}/{name}" for name in ["reference_1.tif", *names]] for c in (0, 1)]
+        self.expect(4, "dic", *lists[0], "--cameras", "cameras.xml", "--camera-unit", "m", "--other", *lists[1], "--element-size", 30,
+                    "-o", "u.h5", "--resume", stderr="u.h5: error: it holds the mesh of another series")
 
 
 if __name__ == "__main__":

@@ -88,13 +88,15 @@ CalibrationError read_calibration_error(const std::string& path, Index cameras, 
   if (table.has("std")) {
     root.diagonal() = Eigen::Map<const Eigen::VectorXd>(table.numbers("std").data(), n);
     for (Index i = 0; i < n; ++i)
-      if (!(root(i, i) > 0)) table.fail(i, "std", "a standard deviation is positive: leave out what is exact");
+      if (!(root(i, i) > 0))
+        table.fail(i, "std", "a standard deviation is positive: leave out what is exact");
   } else {
     for (Index j = 0; j < n; ++j)
       root.col(j) = Eigen::Map<const Eigen::VectorXd>(table.numbers(error.names[j]).data(), n);
     const auto refuse = [&] {
-      throw DataError(path + ": error: this is no covariance: it must be symmetric, positive semidefinite, and "
-                             "have a positive diagonal (leave out what is exact)");
+      throw DataError(path +
+                      ": error: this is no covariance: it must be symmetric, positive semidefinite, and "
+                      "have a positive diagonal (leave out what is exact)");
     };
     if (!(root.diagonal().minCoeff() > 0)) refuse();
     const Eigen::VectorXd scale = root.diagonal().cwiseSqrt(), inverse = scale.cwiseInverse();
@@ -102,8 +104,7 @@ CalibrationError read_calibration_error(const std::string& path, Index cameras, 
     const numerics::SymmetricEigen axes(correlation);
     if ((correlation - correlation.transpose()).norm() > 1e-6 * n || axes.eigenvalues()[0] < -1e-6 * n)
       refuse();
-    root = scale.asDiagonal() * axes.eigenvectors() *
-           axes.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
+    root = scale.asDiagonal() * axes.eigenvectors() * axes.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
     for (Index j = 0; j < n; ++j) error.names[j] = fmt::format("calibration.{}", j + 1);
   }
   error.factor = Eigen::MatrixXd::Zero(cameras * k_camera_parameters, n);

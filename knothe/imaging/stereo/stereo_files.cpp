@@ -13,6 +13,12 @@
 namespace knothe::imaging {
 namespace {
 
+std::vector<PictureResult> of_camera(Index camera, const std::vector<StereoResult>& results) {
+  std::vector<PictureResult> pictures;
+  for (const StereoResult& r : results) pictures.push_back(r.pictures[camera]);
+  return pictures;
+}
+
 /// Whether each camera measured the same elements, so that the precision is the same.
 bool same_elements(const StereoResult& a, const StereoResult& b) {
   return std::equal(a.pictures.begin(), a.pictures.end(), b.pictures.begin(),
@@ -26,11 +32,8 @@ bool same_elements(const StereoResult& a, const StereoResult& b) {
 void write_stereo_precisions(files::Hdf5Writer& file, const StereoSeries& series,
                              const std::vector<StereoResult>& results) {
   std::vector<double> noise;
-  for (Index c = 0; c < std::ssize(series.options().cameras); ++c) {
-    std::vector<PictureResult> pictures;
-    for (const StereoResult& r : results) pictures.push_back(r.pictures[c]);
-    noise.push_back(std::max(k_quantisation_noise, series_noise(series.camera(c), pictures)));
-  }
+  for (Index c = 0; c < std::ssize(series.options().cameras); ++c)
+    noise.push_back(std::max(k_quantisation_noise, series_noise(series.camera(c), of_camera(c, results))));
   const StereoResult* first = nullptr;
   for (Index t = 0; t < std::ssize(results); ++t) {
     if (results[t].missing || (first != nullptr && same_elements(results[t], *first))) continue;
@@ -100,7 +103,8 @@ void write_stereo_displacements(const std::string& path, const StereoSeries& ser
     write_stereo_precisions(file, series, results);
     write_calibration_errors(file, series, results);
     file.write("/values", values, {n_t, 3 * n}, {"m", "measured displacement"});
-    file.write("/displacement_std", std, {n_t, 3 * n}, {"m", "standard deviation of each picture's values: noise and calibration"});
+    file.write("/displacement_std", std, {n_t, 3 * n},
+               {"m", "standard deviation of each picture's values: noise and calibration"});
     file.write("/dofs/points", places, {3 * n, 3}, {"m", "nodes of the surface"});
     file.write_integers("/dofs/component", component, {3 * n},
                         {"1", "displacement component: 0 x, 1 y, 2 z"});
@@ -112,6 +116,8 @@ void write_stereo_displacements(const std::string& path, const StereoSeries& ser
                {"px", "root mean square by which the cameras' displacements contradict each other"});
     file.write("/pictures/chi_square", chi_square, {n_t},
                {"1", "the same, by the noise, squared: 1 if all is well"});
+    for (Index c = 0; c < std::ssize(series.options().cameras); ++c)
+      write_pictures(file, fmt::format("/cameras/{}", c), series.camera(c), of_camera(c, results));
     file.texts_attribute("/pictures", "names", names);
     file.texts_attribute("/pictures", "messages", messages);
     file.number_attribute("/mesh", "epipolar_rms", surface.epipolar_rms);
@@ -120,6 +126,13 @@ void write_stereo_displacements(const std::string& path, const StereoSeries& ser
     file.text_attribute("/", "length_unit", "m");
     file.close();
   });
+}
+
+std::vector<StereoResult> resume_from(const std::string& path, StereoSeries& series) {
+  std::vector<std::vector<PictureResult>> measured;
+  for (Index c = 0; c < std::ssize(series.options().cameras); ++c)
+    measured.push_back(read_results(path, series.camera(c), fmt::format("/cameras/{}", c)));
+  return series.resume(measured);
 }
 
 void write_stereo_vtu(const std::string& path, const StereoSeries& series, const StereoResult& result) {

@@ -74,6 +74,17 @@ TEST(StereoSeries, MeasuresSetsMarksBadOnesAndWritesThemInMetres) {
   }
   EXPECT_EQ(file.read("/noise/precision/indptr").size(), 3 * n + 1);
   EXPECT_FALSE(file.has("/noise/precision_steps"));
+
+  // A series of the same pictures goes on behind the last, with the same results.
+  StereoSeries again(test.options);
+  const std::vector<StereoResult> resumed = resume_from(test.folder.file("u.h5"), again);
+  EXPECT_TRUE(again.done());
+  ASSERT_EQ(resumed.size(), 4U);
+  for (Index t = 0; t < 4; ++t) {
+    EXPECT_EQ(resumed[t].message, results[t].message);
+    EXPECT_EQ(resumed[t].motion.displacement, results[t].motion.displacement);
+    EXPECT_EQ(resumed[t].motion.std, results[t].motion.std);
+  }
   write_stereo_vtu(test.folder.file("u.vtu"), series, results[0]);
 
   // An element that one camera lost is another precision than the same element lost by the other.
@@ -95,8 +106,10 @@ TEST(StereoSeries, AnErrorOfTheCalibrationIsSharedByAllSets) {
     write_stereo_displacements(test.folder.file("u.h5"), series, results, "");
     return results;
   };
-  test.options.calibration = {{"camera0.fx", "camera1.wy"}, Eigen::MatrixXd::Zero(2 * k_camera_parameters, 2)};
-  test.options.calibration.factor(0, 0) = 4, test.options.calibration.factor(k_camera_parameters + 14, 1) = 1e-5;
+  test.options.calibration = {{"camera0.fx", "camera1.wy"},
+                              Eigen::MatrixXd::Zero(2 * k_camera_parameters, 2)};
+  test.options.calibration.factor(0, 0) = 4,
+                                     test.options.calibration.factor(k_camera_parameters + 14, 1) = 1e-5;
   const std::vector<StereoResult> found = measured();
   const files::Hdf5Reader file(test.folder.file("u.h5"));
   const Index n = found[0].calibration.rows();
@@ -107,7 +120,8 @@ TEST(StereoSeries, AnErrorOfTheCalibrationIsSharedByAllSets) {
     for (Index i = 0; i < n; ++i) {
       for (Index k = 0; k < 2; ++k) EXPECT_EQ(effects[(t * n + i) * 2 + k], found[t].calibration(i, k));
       EXPECT_NEAR(std[t * n + i],
-                  std::hypot(found[t].motion.std[i], found[t].calibration(i, 0), found[t].calibration(i, 1)), 1e-15);
+                  std::hypot(found[t].motion.std[i], found[t].calibration(i, 0), found[t].calibration(i, 1)),
+                  1e-15);
     }
   for (Index i = 0; i < 2 * n; ++i) EXPECT_EQ(effects[2 * n + i], 0);
 

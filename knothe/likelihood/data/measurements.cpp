@@ -79,7 +79,8 @@ NoiseModel with_scale_error(const Hdf5Reader& file, const std::string& name, con
   return noise.with_scale_error(std);
 }
 
-/// noise/shared_errors: what errors that all data have together do to the values, by their standard deviations.
+/// noise/shared_errors: what errors that all data have together do to the values, by their standard
+/// deviations.
 NoiseModel with_shared_errors(const Hdf5Reader& file, const NoiseModel& noise, std::size_t n_obs,
                               std::size_t n_t) {
   const std::string name = "/noise/shared_errors";

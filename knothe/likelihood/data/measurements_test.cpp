@@ -87,7 +87,8 @@ TEST(Measurements, ErrorsThatAllDataShareAreRead) {
   EXPECT_EQ(wider.lasting().factors[1].topRows(3), noise.lasting().factors[1]);
 
   for (const auto& [rows, names, complaint] :
-       {std::tuple(2, std::vector<std::string>{"a", "b"}, "noise/shared_errors must have the shape [2, 3, q]"),
+       {std::tuple(2, std::vector<std::string>{"a", "b"},
+                   "noise/shared_errors must have the shape [2, 3, q]"),
         std::tuple(3, std::vector<std::string>{"a"},
                    "the attribute names of noise/shared_errors must have 2 texts")}) {
     write_with_shared_errors(path, names, rows);

@@ -61,7 +61,8 @@ Measurements at_times(Measurements measured, std::span<const double> to) {
   constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
   if (lasting_count(measured.noise) > 0)
     throw DataError(
-        "noise/shared_errors is known at the times of the file alone: `knothe assimilate` takes it, data that "
+        "noise/shared_errors is known at the times of the file alone: `knothe assimilate` takes it, data "
+        "that "
         "come one by one have none");
   for (auto& [name, series] : measured.series) series = interpolate_series(series, measured.time, to);
   Eigen::MatrixXd values = Eigen::MatrixXd::Constant(measured.values.rows(), std::ssize(to), k_nan);
