@@ -6,7 +6,6 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
-#include <memory>
 #include <span>
 
 #include "knothe/base/cancellation.hpp"
@@ -76,66 +75,63 @@ void write_machine(const std::map<std::string, likelihood::MeasuredSeries>& seri
 
 using Taken = imaging::SpeckleCamera;
 
-/// What takes the pictures, one camera or several, of the face at rest and of the displaced one.
-class DrawnCameras {
+std::vector<imaging::Camera> cameras_of(const Project& project) {
+  const PictureOptions& p = project.pictures;
+  if (p.cameras.empty()) return {};
+  if (!p.pixels.empty())
+    throw project.error_at("dic.pixels",
+                           "\"dic.pixels\" are found in pictures: to draw those, give a calibration in the "
+                           "model's frame");
+  return imaging::cameras_in_metres(p.cameras, p.camera_unit, "").cameras;
+}
+
+/// A camera that looks straight at the face, with the resolution of `camera`; the face begins at pixel (0,
+/// 0).
+imaging::PictureFrame straight_frame(const Project& project, const model::Mesh& mesh,
+                                     const imaging::Camera& camera) {
+  const imaging::PictureFrame face = model_face(project, mesh);
+  const imaging::Region bounds = surface_mesh(mesh, face, project).bounds();  // m, y down
+  const auto middle = face.model_point(0.5 * (bounds.x0 + bounds.x1), 0.5 * (bounds.y0 + bounds.y1));
+  const double scale = std::sqrt(2.0) / camera.project({middle[0], middle[1], middle[2]}).jacobian.norm();
+  imaging::PictureFrame frame = imaging::picture_frame(scale, {-bounds.x0 / scale, -bounds.y0 / scale});
+  frame.view = face.view, frame.plane = face.plane;
+  return frame;
+}
+
+/// The face of the model, at rest and displaced, as pictures show it: of one camera that looks straight at
+/// it, or of those of a calibration whose frame is the model's.
+class DrawnFace {
  public:
-  virtual ~DrawnCameras() = default;
-  virtual void displace(std::size_t step, const DisplacementField& field) = 0;
-  [[nodiscard]] virtual files::Picture draw(Index camera, bool moved, const Taken& taken) const = 0;
-};
-
-/// One that looks straight at the face.
-class StraightCamera : public DrawnCameras {
- public:
-  StraightCamera(const Project& project, const model::Mesh& mesh, const model::Dofs& dofs,
-                 const imaging::SpeckleOptions& pattern)
-      : frame_(picture_frame_of(project, mesh)),
-        surface_(surface_mesh(mesh, frame_, project)),
-        displacement_(surface_.mesh(), frame_, frame_.components(), dofs, mesh),
-        pattern_(pattern) {}
-
-  void displace(std::size_t step, const DisplacementField& field) override {
-    // T is its own inverse but for the scale.
-    surface_.set(frame_.to_model(displacement_.at(step, field)) / (frame_.scale() * frame_.scale()));
-  }
-  [[nodiscard]] files::Picture draw(Index, bool moved, const Taken& taken) const override {
-    const auto motion = [&](double x, double y) { return surface_.at(x, y); };
-    return pattern_.render(moved ? imaging::DisplacementField(motion) : imaging::DisplacementField(), taken,
-                           default_threads(), [&](double x, double y) { return surface_.body(x, y); });
-  }
-
- private:
-  imaging::PictureFrame frame_;
-  imaging::MeshField surface_;
-  FaceDisplacement displacement_;
-  imaging::SpecklePattern pattern_;
-};
-
-/// Those of a calibration whose frame is the model's. The pattern is drawn as a camera would see it that
-/// looks straight at the face, with the resolution of the first.
-class CalibratedCameras : public DrawnCameras {
- public:
-  CalibratedCameras(const Project& project, const model::Mesh& mesh, const model::Dofs& dofs,
-                    const CameraSimulation& taken, const imaging::SpeckleOptions& pattern)
-      : cameras_(
-            imaging::cameras_in_metres(project.pictures.cameras, project.pictures.camera_unit, "").cameras),
-        taken_(taken),
-        frame_(straight_frame(project, mesh, cameras_.front())),
+  DrawnFace(const Project& project, const model::Mesh& mesh, const model::Dofs& dofs, std::uint64_t seed)
+      : taken_(*project.simulate->camera),
+        cameras_(cameras_of(project)),
+        frame_(cameras_.empty() ? picture_frame_of(project, mesh)
+                                : straight_frame(project, mesh, cameras_.front())),
         surface_(surface_mesh(mesh, frame_, project)),
         across_(surface_.mesh()),
         axes_{frame_.components()[0], frame_.components()[1], 3 - frame_.components()[1]},
-        displacement_(surface_.mesh(), frame_, axes_, dofs, mesh),
-        pattern_(of_face(pattern, surface_.mesh())) {}
+        displacement_(surface_.mesh(), frame_, std::span(axes_).first(cameras_.empty() ? 2 : 3), dofs, mesh),
+        pattern_({.width = cameras_.empty() ? taken_.width : extent(surface_.mesh().bounds().x1),
+                  .height = cameras_.empty() ? taken_.height : extent(surface_.mesh().bounds().y1),
+                  .dot_radius = taken_.dot_radius,
+                  .seed = seed}) {}
 
-  [[nodiscard]] Index count() const { return std::ssize(cameras_); }
-  void displace(std::size_t step, const DisplacementField& field) override {
+  [[nodiscard]] Index calibrated() const { return std::ssize(cameras_); }
+  void displace(std::size_t step, const DisplacementField& field) {
     const Eigen::VectorXd u = displacement_.at(step, field);
-    Eigen::VectorXd along(2 * u.size() / 3), across = Eigen::VectorXd::Zero(2 * u.size() / 3);
-    for (Index a = 0; a < u.size() / 3; ++a)
-      along.segment<2>(2 * a) = u.segment<2>(3 * a), across[2 * a] = u[3 * a + 2];
-    surface_.set(along), across_.set(across);
+    // T is its own inverse but for the scale.
+    if (cameras_.empty()) return surface_.set(frame_.to_model(u) / (frame_.scale() * frame_.scale()));
+    const Eigen::Map<const Eigen::Matrix3Xd> of_nodes(u.data(), 3, u.size() / 3);
+    Eigen::Matrix2Xd across = Eigen::Matrix2Xd::Zero(2, of_nodes.cols());
+    across.row(0) = of_nodes.row(2);
+    surface_.set(of_nodes.topRows<2>().reshaped()), across_.set(across.reshaped());
   }
-  [[nodiscard]] files::Picture draw(Index camera, bool moved, const Taken& taken) const override {
+  [[nodiscard]] files::Picture draw(Index camera, bool moved, const Taken& taken) const {
+    const auto motion = [&](double x, double y) { return surface_.at(x, y); };
+    const auto body = [&](double x, double y) { return surface_.body(x, y); };
+    if (cameras_.empty())
+      return pattern_.render(moved ? imaging::DisplacementField(motion) : imaging::DisplacementField(), taken,
+                             default_threads(), body);
     const auto place = [&](double s, double t) {
       const auto at = frame_.model_point(s, t);
       Eigen::Vector3d x(at[0], at[1], at[2]);
@@ -145,32 +141,17 @@ class CalibratedCameras : public DrawnCameras {
       return x;
     };
     return imaging::drawn_view(cameras_[camera], taken_.width, taken_.height, pattern_, place, taken,
-                               default_threads(), [&](double s, double t) { return surface_.body(s, t); });
+                               default_threads(), body);
   }
 
  private:
-  static imaging::PictureFrame straight_frame(const Project& project, const model::Mesh& mesh,
-                                              const imaging::Camera& first) {
-    imaging::PictureFrame face = model_face(project, mesh);
-    const imaging::Region bounds = surface_mesh(mesh, face, project).bounds();  // m, y down
-    const auto middle = face.model_point(0.5 * (bounds.x0 + bounds.x1), 0.5 * (bounds.y0 + bounds.y1));
-    const double scale = std::sqrt(2.0) / first.project({middle[0], middle[1], middle[2]}).jacobian.norm();
-    imaging::PictureFrame frame = imaging::picture_frame(scale, {-bounds.x0 / scale, -bounds.y0 / scale});
-    frame.view = face.view, frame.plane = face.plane;
-    return frame;
-  }
-  static imaging::SpeckleOptions of_face(imaging::SpeckleOptions pattern, const imaging::ImageMesh& face) {
-    const imaging::Region bounds = face.bounds();
-    pattern.width = std::max<int>(4, std::ceil(bounds.x1)),
-    pattern.height = std::max<int>(4, std::ceil(bounds.y1));
-    return pattern;
-  }
+  static int extent(double length) { return std::max<int>(4, std::ceil(length)); }
 
-  std::vector<imaging::Camera> cameras_;
   const CameraSimulation& taken_;
-  imaging::PictureFrame frame_;
-  imaging::MeshField surface_, across_;
-  std::array<int, 3> axes_;  ///< of the model: along the face, and across it
+  std::vector<imaging::Camera> cameras_;  ///< empty: one that looks straight at the face
+  imaging::PictureFrame frame_;           ///< in which the pattern is drawn
+  imaging::MeshField surface_, across_;   ///< px; with cameras m, of axes 0 and 1, and of axis 2
+  std::array<int, 3> axes_;               ///< of the model: along the face, and across it
   FaceDisplacement displacement_;
   imaging::SpecklePattern pattern_;
 };
@@ -182,22 +163,10 @@ void simulate_pictures(const Project& project, const model::Mesh& mesh, const Si
   project.require(project.simulate && project.simulate->camera, "a table [simulate.camera]");
   const CameraSimulation& camera = *project.simulate->camera;
   const std::uint64_t used_seed = seed.value_or(project.simulate->seed);
-  const imaging::SpeckleOptions pattern{
-      .width = camera.width, .height = camera.height, .dot_radius = camera.dot_radius, .seed = used_seed};
-  std::unique_ptr<DrawnCameras> cameras;
-  std::vector<std::string> folders{folder};
-  if (project.pictures.cameras.empty()) {
-    cameras = std::make_unique<StraightCamera>(project, mesh, simulated.dofs, pattern);
-  } else {
-    if (!project.pictures.pixels.empty())
-      throw project.error_at("dic.pixels",
-                             "\"dic.pixels\" are found in pictures: to draw those, give a calibration in the "
-                             "model's frame");
-    auto several = std::make_unique<CalibratedCameras>(project, mesh, simulated.dofs, camera, pattern);
-    folders.clear();
-    for (Index c = 0; c < several->count(); ++c) folders.push_back(fmt::format("{}/camera_{}", folder, c));
-    cameras = std::move(several);
-  }
+  DrawnFace face(project, mesh, simulated.dofs, used_seed);
+  std::vector<std::string> folders;
+  for (Index c = 0; c < face.calibrated(); ++c) folders.push_back(fmt::format("{}/camera_{}", folder, c));
+  if (folders.empty()) folders.push_back(folder);
   std::size_t number = 0;  // of pictures drawn
   const auto draw = [&](const std::string& name, bool moved) {
     for (Index c = 0; c < std::ssize(folders); ++c) {
@@ -207,7 +176,7 @@ void simulate_pictures(const Project& project, const model::Mesh& mesh, const Si
                         .gain = moved ? camera.gain : 1,
                         .supersampling = camera.supersampling,
                         .seed = used_seed * 1000003 + number++};
-      files::write_tiff((std::filesystem::path(folders[c]) / name).string(), cameras->draw(c, moved, taken));
+      files::write_tiff((std::filesystem::path(folders[c]) / name).string(), face.draw(c, moved, taken));
     }
   };
   for (const std::string& one : folders) files::require_writable_folder(one);
@@ -219,7 +188,7 @@ void simulate_pictures(const Project& project, const model::Mesh& mesh, const Si
   Progress progress("pictures", time.size());
   for (std::size_t step = 0; step < time.size(); ++step) {
     if ((step + 1) % camera.every != 0) continue;
-    cameras->displace(step, simulated.field);
+    face.displace(step, simulated.field);
     const std::string name = fmt::format("picture_{:04}.tif", step + 1);
     draw(name, true);
     table.add_texts(std::array<std::string, 2>{files::format_number(time[step]), name});
