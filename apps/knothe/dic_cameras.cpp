@@ -24,7 +24,8 @@ void set_cameras(const CameraArguments& arguments, bool single, report::PictureT
     throw UsageError("--cameras CALIBRATION and --other PICTURES… belong together");
   if (arguments.calibration.empty() && !(arguments.unit.empty() && arguments.std.empty()))
     throw UsageError(
-        "--camera-unit and --calibration-std are those of a calibration: give --cameras, or [dic] camera_unit "
+        "--camera-unit and --calibration-std are those of a calibration: give --cameras, or [dic] "
+        "camera_unit "
         "and calibration_std");
   if (!arguments.calibration.empty()) {
     task.cameras =

@@ -3,6 +3,7 @@ to the posterior of the parameters that drew them."""
 import json
 import math
 import pathlib
+import shutil
 import subprocess
 import unittest
 
@@ -244,6 +245,8 @@ class Test(Case):
             std = math.sqrt(exact["covariance"][k][k])
             self.assertLess(abs(line["mean"][k] - exact["mean"][k]), 0.5 * std)
             self.assertGreater(math.sqrt(line["covariance"][k][k]), 0.999 * std)
+        shutil.copy(self.folder / "results" / "displacements.h5", self.folder / "u.h5")
+        self.expect_posterior(line, self.run_python(QUADRATURE))  # with the shared reference and the shared errors
         # What the calibration's error does is said beside the noise.
         one, *_ = self.expect(0, "dic", self.project_name, "--json").lines()
         self.assertEqual([value > 0 for value in one["calibration_std_m"]], [True] * 3)

@@ -19,10 +19,10 @@ StereoPose fit_stereo_pose(const Camera& first, const SurfacePoints& surface, co
                            const SurfacePoints& points, const Eigen::Vector3d& outward, double point_std) {
   const Index count = points.cols();
   if (count < 2 || pixels.cols() != count)
-    throw UsageError(
-        fmt::format("registration of the cameras: {} pixels and {} points; at least two of each, as many, are "
-                    "needed",
-                    pixels.cols(), count));
+    throw UsageError(fmt::format(
+        "registration of the cameras: {} pixels and {} points; at least two of each, as many, are "
+        "needed",
+        pixels.cols(), count));
   StereoPose found;
   found.outward = outward, found.middle = points.rowwise().mean();
   const double extent = (points.colwise() - found.middle).norm();
@@ -48,10 +48,11 @@ StereoPose fit_stereo_pose(const Camera& first, const SurfacePoints& surface, co
   const SurfacePoints off = (found.pose * points) - to.leftCols(count);
   found.misfit = off.colwise().norm().maxCoeff();
   if (!(found.misfit <= k_max_misfit * extent))
-    throw DataError(fmt::format(
-        "registration of the cameras: a point is {:.3g} mm from where the cameras see it: check pixels, points "
-        "(their order) and the unit of the calibration",
-        1e3 * found.misfit));
+    throw DataError(
+        fmt::format("registration of the cameras: a point is {:.3g} mm from where the cameras see it: check "
+                    "pixels, points "
+                    "(their order) and the unit of the calibration",
+                    1e3 * found.misfit));
   // 2n numbers less the three fitted.
   const double fitted_std = count > 2 ? off.norm() / std::sqrt(2.0 * count - 3) : 0;
   found.turn_std = std::max(point_std / pixels_per_length, fitted_std) / extent;
