@@ -250,6 +250,15 @@ class Test(Case):
         # What the calibration's error does is said beside the noise.
         one, *_ = self.expect(0, "dic", self.project_name, "--json").lines()
         self.assertEqual([value > 0 for value in one["calibration_std_m"]], [True] * 3)
+        (self.folder / "one.msh").write_text(
+            "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 100 60 0\n2 160 60 0\n3 160 120 0\n4 100 120 0\n$EndNodes\n"
+            "$Elements\n1\n1 3 2 0 0 1 2 3 4\n$EndElements\n")
+        one, *_ = self.expect(0, "dic", self.project_name, "--mesh", "one.msh", "-o", "one.h5", "--json").lines()
+        self.assertEqual(one["nodes"], 4)
+        places = self.run_python("import h5py, json; print(json.dumps(h5py.File('one.h5')['mesh/points'][:].tolist()))")
+        for place, pixel in zip(places, [(100, 60), (160, 60), (160, 120), (100, 120)]):  # in the model's frame
+            self.assertAlmostEqual(place[2], 0.05, delta=1e-3)  # one element, 2 m away
+            self.assertLess(math.dist(seen_by_the_first(place), pixel), 0.05)
         self.edit("pixels = [[", "pixels = [[9.0, 9.0], [")
         self.expect(2, "dic", self.project_name, stderr="5 pixels and 4 points; at least two of each, as many, are needed")
         self.edit("pixels = [[9.0, 9.0], [", "pixels = [[")
