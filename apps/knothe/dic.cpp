@@ -49,10 +49,7 @@ report::PictureTask task_of(const DicArguments& a) {
     if (!a.pattern) series.pictures.assign(a.inputs.begin() + 1, a.inputs.end());
   }
   if (a.element_size) series.element_size = *a.element_size;
-  if (!a.mesh.empty()) {
-    series.mesh = imaging::read_image_mesh(a.mesh, std::nullopt);
-    if (task.cameras) task.cameras->nodes.reset();  // those of the project's mesh
-  }
+  if (!a.mesh.empty()) series.mesh = imaging::read_image_mesh(a.mesh, std::nullopt);
   if (!a.region.empty()) series.region = parse_region(a.region);
   if (!a.mask.empty()) series.mask = a.mask;
   if (a.crack && !series.crack) series.crack = imaging::CrackSearchOptions{};

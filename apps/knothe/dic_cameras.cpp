@@ -34,7 +34,10 @@ void set_cameras(const CameraArguments& arguments, bool single, report::PictureT
   }
   if (!task.cameras) return;
   if (single) throw UsageError("--pattern and --crack are for one camera: leave out --cameras, or them");
-  task.cameras->series.front() = task.series;
+  imaging::SeriesOptions& first = task.cameras->series.front();
+  // A mesh of the command line is not the one whose nodes are known.
+  if (task.cameras->nodes && task.series.mesh->x != first.mesh->x) task.cameras->nodes.reset();
+  first = task.series;
   for (imaging::SeriesOptions& other : task.cameras->series) {
     other.colour = task.series.colour, other.correlation = task.series.correlation;
     other.find_prefilter = task.series.find_prefilter;
