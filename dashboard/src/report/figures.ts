@@ -3,7 +3,15 @@ import type { ChartSpec } from "../chart";
 import type { Theme } from "../colour";
 import { significant } from "../format";
 import { timeline } from "../history";
-import { evidenceSpec, forecastSpec, parameterSpec, probabilitySpec, quantitiesIn, timingSpec } from "../specs";
+import {
+  evidenceSpec,
+  forecastSpec,
+  parameterScale,
+  parameterSpec,
+  probabilitySpec,
+  quantitiesIn,
+  timingSpec,
+} from "../specs";
 import { charts, mostPairs, pairWords, type Content } from "./content";
 import {
   curvesSpec,
@@ -183,6 +191,7 @@ function assimilation(r: Assimilation, name: string, of: string, theme: Theme, c
               line: last,
               lines: r.lines,
               names: names.map(pretty),
+              scales: names.map((_, i) => parameterScale(model.parameters[i])),
               points: draws[0]!.map((_, i) => draws.map((d) => d[i]!)),
               model,
               whole: false,

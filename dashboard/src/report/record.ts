@@ -314,6 +314,7 @@ export function modelOf(record: Assimilation): Model {
       ...(p.lower === undefined ? {} : { lower: p.lower }),
       ...(p.upper === undefined ? {} : { upper: p.upper }),
       units: parameterMeaning(p),
+      reference: { value: p.reference ?? 1, ...(p.units === undefined ? {} : { units: p.units }) },
       ...(prior ? { levels, values: quantilesOf(prior, levels) } : {}),
     };
   });
