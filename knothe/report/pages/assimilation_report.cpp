@@ -110,8 +110,9 @@ void add_input_errors(Page& page, const record::Results& results) {
   for (const record::ParameterSummary& p : results.parameters)
     table.header.push_back(pretty_name(p.name) + " shifts by");
   for (const assimilation::InputShift& error : results.input_shifts) {
-    TableRow row{{fmt::format("{} by {}\u00a0%{}", input_name(error.name), record::plain(100 * error.relative),
-                              error.is_limited ? " (the data would show more)" : "")}};
+    TableRow row{
+        {fmt::format("{} by {}\u00a0%{}", input_name(error.name), record::plain(100 * error.relative),
+                     error.is_limited ? " (the data would show more)" : "")}};
     for (Eigen::Index a = 0; a < error.shift.size(); ++a)
       row.cells.push_back(fmt::format("{}{}\u00a0σ ({})", error.in_std[a] < 0 ? "" : "+",
                                       record::readable(error.in_std[a], 2),

@@ -246,8 +246,8 @@ TEST(AssimilationReport, AParameterWithAUnitIsSaidInItThroughoutItsRow) {
   last.mean[0] = 30.123e9, last.covariance(0, 0) = 4e16;  // 0.2 GPa
   last.quantiles.row(0) = Eigen::RowVectorXd::LinSpaced(last.quantiles.cols(), 29.7e9, 30.5e9);
   const auto cells = headline(results)[0].rows[0].cells;
-  EXPECT_EQ(cells, (std::vector<std::string>{"E", "30.12 ± 0.20 GPa", "29.70 … 30.50 GPa",
-                                             "30.5 GPa, 1.9 σ away"}));
+  EXPECT_EQ(cells,
+            (std::vector<std::string>{"E", "30.12 ± 0.20 GPa", "29.70 … 30.50 GPa", "30.5 GPa, 1.9 σ away"}));
   // Of multiples too, what the multiple is of being said; without a unit they stay multiples.
   p = {.name = "Y0", .reference = 216, .units = "J/m3"};
   last.mean[0] = 1.02, last.covariance(0, 0) = 4e-4, last.maximum_a_posteriori[0] = 1.03;

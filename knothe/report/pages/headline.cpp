@@ -42,13 +42,13 @@ TableRow parameter_row(const record::Results& results, std::size_t d) {
   const double relative_std = precision.of_parameter(last.standard_deviations()[d], d);
   const std::string units = pretty_units(p.units);
   const double reference = units.empty() ? 1 : p.reference.value_or(1);
-  const auto [factor, unit] = record::readable_unit(
-      std::abs(reference) * std::max(std::abs(last.mean[d]), relative_std), units);
+  const auto [factor, unit] =
+      record::readable_unit(std::abs(reference) * std::max(std::abs(last.mean[d]), relative_std), units);
   const double scale = factor * reference, std = std::abs(scale) * relative_std;
   const bool has_quantiles = last.quantiles.cols() > 1;
   const double low = has_quantiles ? last.quantiles(d, 0) : last.mean[d] - 1.96 * relative_std;
-  const double high = has_quantiles ? last.quantiles(d, last.quantiles.cols() - 1)
-                                    : last.mean[d] + 1.96 * relative_std;
+  const double high =
+      has_quantiles ? last.quantiles(d, last.quantiles.cols() - 1) : last.mean[d] + 1.96 * relative_std;
   TableRow row{{p.reference.value_or(1) != 1 ? parameter_label(p) : pretty_name(p.name),
                 precision.estimate(scale * last.mean[d], std) + unit,
                 interval(scale * low, scale * high, std, precision) + unit}};

@@ -28,7 +28,7 @@ struct Content {
   std::vector<std::string> parameters;
   Numbers mean, std, most_probable, skewness, kurtosis;
   Numbers scale;                   ///< from a parameter to its number in `unit`
-  std::vector<std::string> unit;  ///< as it stands behind a number; "" where the model states none
+  std::vector<std::string> unit;   ///< as it stands behind a number; "" where the model states none
   std::vector<Numbers> quantiles;  ///< parameter × level
   std::string method;
   const Json* figures = nullptr;

@@ -95,9 +95,8 @@ void add_result(Page& page, const project::SelectionSetup& setup, const assimila
                                     names[k], record::readable(chosen), record::readable(all),
                                     record::readable(prior)));
     if (all > k_hardly_determined * prior)
-      doubts.push_back(
-          fmt::format("All dofs together hardly determine {}: measure elsewhere, or something else.",
-                      names[k]));
+      doubts.push_back(fmt::format(
+          "All dofs together hardly determine {}: measure elsewhere, or something else.", names[k]));
     else if (chosen > k_much_is_lost * all)
       doubts.push_back(
           fmt::format("All dofs would determine {} {} times better: a larger select.count helps.", names[k],
