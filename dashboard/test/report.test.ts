@@ -584,6 +584,16 @@ test("a table is in the units of the axes", () => {
   assert.ok(first!.startsWith("0,0,0,0"));
 });
 
+test("axes of time have the solver's unit where it states one", () => {
+  assert.equal(chart("parameter:0").xLabel, "model time t [–]");
+  const timed = { ...whole, time_units: "s" };
+  for (const figure of ["parameter:0", "forecast:crack", "residuals", "information", "timing"])
+    assert.equal(chart(figure, timed).xLabel, "model time t [s]", figure);
+  // What is over something else stays so.
+  assert.equal(chart("load", timed).xLabel, chart("load").xLabel);
+  assert.equal(chart("parameter:0", { ...whole, time_units: "1" }).xLabel, "model time t [–]");
+});
+
 test("an inference is drawn in the units that its model states", () => {
   const content = {
     ...inference.content,

@@ -6,6 +6,7 @@ import { timeline } from "../history";
 import {
   evidenceSpec,
   forecastSpec,
+  inTimeUnits,
   parameterScale,
   parameterSpec,
   probabilitySpec,
@@ -249,8 +250,12 @@ export function contentOf(
 ): Content | undefined {
   const [name = "", of = ""] = figure.split(/:(.*)/s);
   switch (report.kind) {
-    case "assimilation":
-      return assimilation(report, name, of, theme, chosen);
+    case "assimilation": {
+      const drawn = assimilation(report, name, of, theme, chosen);
+      return drawn && "charts" in drawn
+        ? { charts: drawn.charts.map((spec) => inTimeUnits(spec, report.time_units)) }
+        : drawn;
+    }
     case "inference":
       return inference(report, name, of, theme);
     case "comparison":

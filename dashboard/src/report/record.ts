@@ -101,6 +101,8 @@ export interface Assimilation {
   kind: "assimilation";
   lines: ReportLine[];
   summary: Summary;
+  /** Of the model's time, where the solver states one. */
+  time_units?: string;
   measured?: Measured[];
   /** Measured minus predicted, in standard deviations of the prediction, of all sensors. */
   residuals?: { time: number[]; value: number[] };
