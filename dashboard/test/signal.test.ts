@@ -48,7 +48,7 @@ test("a force over the stroke: measured, predicted, forecast; threshold and hori
 });
 
 test("a displacement without a name is called as in the list of signals", () => {
-  assert.equal(specOf({ name: "y3", units: "m" }).yLabel, "u_y of sensor 3 [m]");
+  assert.equal(specOf({ name: "y3", units: "m" }).yLabel, "u_y of sensor 3 [km]");
 });
 
 test("a horizon in units of the loading, which a test that unloads does not have", () => {
