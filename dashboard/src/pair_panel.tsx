@@ -128,10 +128,13 @@ interface Cell {
 }
 
 export function drawPairs(ctx: CanvasRenderingContext2D, p: PairPicture): void {
-  const [left, bottom, gap] = [58, 40, 10];
-  const w = (p.width - left - 10 - gap * (p.count - 1)) / p.count;
+  const [bottom, gap] = [40, 10];
   const h = (p.height - bottom - 8 - gap * (p.count - 1)) / p.count;
   const axes = Array.from({ length: p.count }, (_, k) => axisOf(k, p.line, p.model?.parameters[k], p.whole));
+  // The name stands before the longest number.
+  const longest = Math.max(...axes.slice(1).flatMap((_, k) => rowTicks(p, axes, k + 1, h).map((v) => given(v).length)));
+  const left = Math.max(58, 32 + 6.6 * longest);
+  const w = (p.width - left - 10 - gap * (p.count - 1)) / p.count;
   ctx.clearRect(0, 0, p.width, p.height);
   ctx.font = "12px system-ui, sans-serif";
   for (let row = 0; row < p.count; row += 1)
@@ -143,7 +146,7 @@ export function drawPairs(ctx: CanvasRenderingContext2D, p: PairPicture): void {
         if (column === row) marginal(ctx, p, cell, row);
         else scatter(ctx, p, cell, axes[row]!, column, row);
         if (row === p.count - 1) horizontalAxis(ctx, p, cell, column);
-        if (column === 0) verticalAxis(ctx, p, cell, axes[row]!, row);
+        if (column === 0) verticalAxis(ctx, p, cell, axes, row);
       }
     }
 }
@@ -271,6 +274,9 @@ function writeCorrelation(
 const shown = ({ low, high }: Interval, { factor }: Scale): Interval => ({ low: low * factor, high: high * factor });
 const labelOf = ({ names, scales }: PairPicture, k: number): string => axisLabel(names[k]!, scales[k]!.units);
 
+const rowTicks = ({ scales }: PairPicture, axes: readonly Interval[], k: number, height: number): number[] =>
+  ticks(shown(axes[k]!, scales[k]!), Math.max(2, height / 36));
+
 function horizontalAxis(ctx: CanvasRenderingContext2D, p: PairPicture, cell: Cell, k: number): void {
   ctx.fillStyle = p.theme.faint;
   ctx.textAlign = "center";
@@ -287,11 +293,17 @@ function horizontalAxis(ctx: CanvasRenderingContext2D, p: PairPicture, cell: Cel
 }
 
 /** Of the first row, which holds a density, the name alone. */
-function verticalAxis(ctx: CanvasRenderingContext2D, p: PairPicture, cell: Cell, axis: Interval, k: number): void {
+function verticalAxis(
+  ctx: CanvasRenderingContext2D,
+  p: PairPicture,
+  cell: Cell,
+  axes: readonly Interval[],
+  k: number,
+): void {
   ctx.fillStyle = p.theme.faint;
   ctx.textAlign = "right";
-  const { low, high } = shown(axis, p.scales[k]!);
-  for (const v of k > 0 ? ticks({ low, high }, Math.max(2, cell.h / 36)) : []) {
+  const { low, high } = shown(axes[k]!, p.scales[k]!);
+  for (const v of k > 0 ? rowTicks(p, axes, k, cell.h) : []) {
     const y = cell.y + cell.h - ((v - low) / (high - low)) * cell.h;
     ctx.fillRect(cell.x - 4, y, 4, 1);
     ctx.fillText(given(v), cell.x - 7, y + 4);

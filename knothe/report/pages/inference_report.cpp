@@ -195,7 +195,7 @@ InferenceJudgement judgement(const Json& content) {
 std::string inference_report(const Json& content, const std::string& where) {
   try {
     const Content c(content);
-    Page page("What the observations say", "By the method " + c.method + ".");
+    Page page("What the observations say", "Method: " + c.method + ".");
     const double ess = content.at("ess");
     InferenceJudgement judged = judgement(content);
     judged.sentences.push_back(fmt::format(
