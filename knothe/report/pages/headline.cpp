@@ -49,7 +49,7 @@ TableRow parameter_row(const record::Results& results, std::size_t d) {
   const double low = has_quantiles ? last.quantiles(d, 0) : last.mean[d] - 1.96 * relative_std;
   const double high =
       has_quantiles ? last.quantiles(d, last.quantiles.cols() - 1) : last.mean[d] + 1.96 * relative_std;
-  TableRow row{{p.reference.value_or(1) != 1 ? parameter_label(p) : pretty_name(p.name),
+  TableRow row{{units.empty() ? parameter_label(p) : pretty_name(p.name),
                 precision.estimate(scale * last.mean[d], std) + unit,
                 interval(scale * low, scale * high, std, precision) + unit}};
   if (p.truth) {
