@@ -222,7 +222,7 @@ with h5py.File("data.h5", "a") as f:
         self.assertEqual(summary["residuals"]["series"]["drift"]["units"], "m")
         self.expect(0, "report", "results", "-o", "report.html")
         page = (self.folder / "report.html").read_text()
-        self.assertRegex(page, r"<td[^>]*>k1</td><td[^>]*>[^<]* ± [^<]* N/m</td>")
+        self.assertRegex(page, r"<td[^>]*>k1</td><td[^>]*>[^<]* ± [^<]* kN/m</td>")
         for text in ("drift (mm)", "acceleration_1 (m/s²)"):
             self.assertIn(text, page)
         self.assertNotIn("µm", page)
