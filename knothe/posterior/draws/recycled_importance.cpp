@@ -239,8 +239,7 @@ void state(const Draws& draws, const RecycledImportanceOptions& options, Recycle
   r.sample.weights = weights.values;
   r.sample.state_evidence(weights.log_sum);
   const Eigen::MatrixXd variables = variables_of(draws, options);
-  r.state_errors(variables);
-  if (options.looks_beyond) r.tail_shape = tail_shape_of(variables, weights.values);
+  r.state_errors(variables, options.looks_beyond ? tail_shape_of(variables, weights.values) : 0);
   r.converged = r.converged && r.temperatures.back() == 1;
 }
 
