@@ -15,6 +15,7 @@
 #include "knothe/project/project_engine.hpp"
 #include "knothe/record/assimilation_output.hpp"
 #include "knothe/record/results_writer.hpp"
+#include "knothe/report/pages/stereo_output.hpp"
 
 namespace knothe::commands {
 namespace {
@@ -56,6 +57,7 @@ int assimilate(const AssimilateArguments& arguments) {
   project::Project project = project::read_project(arguments.project);
   if (const auto kind = from_text<posterior::Method>(arguments.method)) project.method.kind = *kind;
   if (!arguments.results.empty()) project.results = arguments.results;
+  if (!project.pictures.cameras.empty()) report::measure_first(project);
   project::UpdateSetup setup = project::set_up(project);
   auto engine = std::make_unique<assimilation::Engine>(engine_setup(project, setup, arguments.redo));
   files::require_writable_folder(project.results);

@@ -37,7 +37,7 @@ report::PictureTask task_of(const DicArguments& a) {
   report::PictureTask task;
   imaging::SeriesOptions& series = task.series;
   if (a.inputs.size() == 1 && a.inputs.front().ends_with(".toml")) {
-    task = report::picture_task(a.inputs.front());
+    task = report::picture_task(project::read_project(a.inputs.front()));
   } else {
     if (a.inputs.size() < 2 && !(a.pattern && !a.inputs.empty()))
       throw UsageError(

@@ -11,6 +11,7 @@ namespace knothe::commands {
 struct CameraArguments {
   std::string calibration;         ///< file
   std::string unit;                ///< of length, in it; empty: mm
+  std::string std;                 ///< file: its uncertainty; empty: exact
   std::vector<std::string> other;  ///< pictures of the further cameras
 };
 

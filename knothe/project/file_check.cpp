@@ -128,10 +128,10 @@ FileCheck check_files(const Project& project) {
   const bool fields = !project.fields.files.empty();
   // A pattern of names is looked up where the fields are read.
   const std::string data = fields ? fields_folder(project.fields) : project.data;
-  std::vector<std::string> files = {project.model,           data,
-                                    pictures.folder,         pictures.series.mask,
-                                    pictures.cameras,        project.fields.steps,
-                                    project.fields.reference};
+  std::vector<std::string> files = {project.model,        data,
+                                    pictures.folder,      pictures.series.mask,
+                                    pictures.cameras,     pictures.calibration_std,
+                                    project.fields.steps, project.fields.reference};
   files.insert(files.end(), pictures.other_folders.begin(), pictures.other_folders.end());
   for (const DataSource& source : project.sources) files.push_back(source.file);
   if (pictures.folder.empty())
@@ -140,7 +140,8 @@ FileCheck check_files(const Project& project) {
   for (const std::string& file : files)
     if (!file.empty() && !std::filesystem::exists(file)) check.missing.push_back(file);
   // Pictures are looked at when they are correlated.
-  if (project.model.empty() || project.data.empty() || !check.missing.empty()) return check;
+  if (project.model.empty() || project.data.empty() || !pictures.cameras.empty() || !check.missing.empty())
+    return check;
   if (fields) check.facts = measure_fields(project, load_model(project).contents()).read;
   const UpdateSetup setup = set_up(project);
   (void)make_forecaster(project, setup);

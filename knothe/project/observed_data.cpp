@@ -82,16 +82,16 @@ Eigen::MatrixXd effect_of_clock(const likelihood::Measurements& m, std::size_t c
   return effect;
 }
 
-/// The noise with the errors that all data share: what the values of a series have in common, and what clocks
-/// are ahead by. `clock`: the one that tells the model's time, `by_clock` and `expected` as in
-/// `effect_of_clock`.
+/// The noise with the errors that all data share: beside those it has, what the values of a series have in
+/// common, and what clocks are ahead by. `clock`: the one that tells the model's time, `by_clock` and
+/// `expected` as in `effect_of_clock`.
 likelihood::NoiseModel with_shared_errors(const Project& project, const model::SeparatedModel& model,
                                           const likelihood::Measurements& m, std::optional<std::size_t> clock,
                                           const Eigen::MatrixXd& by_clock, const Eigen::MatrixXd& expected) {
   const std::vector<std::string>& names = m.sensors.scalars;
   const Eigen::Index displacements = m.values.rows() - std::ssize(names);
-  std::vector<Eigen::MatrixXd> factors(m.time.size(), Eigen::MatrixXd(m.values.rows(), 0));
-  std::vector<likelihood::LastingError> errors;
+  auto [errors, factors] = m.noise.lasting();
+  if (factors.empty()) factors.assign(m.time.size(), Eigen::MatrixXd(m.values.rows(), 0));
   const auto add_column = [](Eigen::MatrixXd& factor) {
     factor.conservativeResize(Eigen::NoChange, factor.cols() + 1);
     factor.rightCols<1>().setZero();
@@ -294,10 +294,10 @@ void set_series_std(const Project& project, likelihood::Measurements& recorded) 
 /// The displacements of a source as series, each of a sensor of its own: what is wrong with the camera, its
 /// scale or its reference picture, is not wrong with them.
 void make_series_of_displacements(const DataSource& source, likelihood::Measurements& recorded) {
-  if (!recorded.noise.measurement().is_independent())
+  if (!recorded.noise.measurement().is_independent() || likelihood::lasting_count(recorded.noise) > 0)
     throw DataError(source.file +
                     ": its displacements have correlated noise; beside other data only independent ones are "
-                    "read: assimilate them alone, or leave out noise/precision");
+                    "read: assimilate them alone, or leave out noise/precision and noise/shared_errors");
   const Eigen::VectorXd std = recorded.noise.measurement().standard_deviations();
   const model::Sensors& sensors = recorded.sensors;
   for (std::size_t i = 0; i < sensors.displacement_count(); ++i) {

@@ -51,6 +51,12 @@ imaging::PictureFrame picture_frame_of(const Project& project, const std::option
   return with_plane(*p.frame, project, mesh);
 }
 
+imaging::PictureFrame model_face(const Project& project, const std::optional<model::Mesh>& mesh) {
+  imaging::PictureFrame metres;
+  metres.view = project.pictures.view, metres.plane = project.pictures.plane.value_or(0);
+  return with_plane(metres, project, mesh);
+}
+
 imaging::PictureFrame with_plane(imaging::PictureFrame frame, const Project& project,
                                  const std::optional<model::Mesh>& mesh) {
   if (project.pictures.plane || !mesh) return frame;
@@ -145,9 +151,10 @@ PictureMeasurements::PictureMeasurements(const Project& given, const model::Sepa
   const auto& contents = model.contents();
   Project project = given;
   if (!project.pictures.cameras.empty())
-    throw project.error_at("dic.cameras",
-                           "pictures of several cameras are measured first: `knothe dic FILE.toml -o u.h5`, "
-                           "then `[data] file = \"u.h5\"` in a project without [dic] cameras");
+    throw project.error_at(
+        "dic.cameras",
+        "pictures of several cameras are measured by `knothe assimilate`, or by `knothe dic FILE.toml -o "
+        "u.h5`: then `[data] file = \"u.h5\"` in a project without [dic] cameras");
   registration_ = register_pictures(project, contents.mesh, live);
   frame_ = picture_frame_of(project, contents.mesh);
   if (live && project.pictures.series.reference_update > 0)

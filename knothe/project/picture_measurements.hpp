@@ -25,6 +25,10 @@ namespace knothe::project {
 [[nodiscard]] imaging::PictureFrame picture_frame_of(const Project& project,
                                                      const std::optional<model::Mesh>& mesh);
 
+/// The face of the body in metres, y down.
+[[nodiscard]] imaging::PictureFrame model_face(const Project& project,
+                                               const std::optional<model::Mesh>& mesh);
+
 /// A frame with the plane that the project gives, or the model's outermost face.
 [[nodiscard]] imaging::PictureFrame with_plane(imaging::PictureFrame frame, const Project& project,
                                                const std::optional<model::Mesh>& mesh);

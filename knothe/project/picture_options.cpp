@@ -27,8 +27,6 @@ struct Given : PictureOptions {
   std::optional<double> scale;
   double scale_std = 0, angle = 0;
   Pair origin{0, 0};
-  std::vector<Pair> pixels, points;
-  double point_std = 0.5;
 };
 
 using G = Given;
@@ -124,10 +122,15 @@ void add_crack_and_drift_options(Section<G>& s) {
 
 void add_camera_options(Section<G>& s) {
   s.add("cameras", &G::cameras,
-        "Calibration of two or more cameras: OpenCV's (.yaml, .xml: M1, D1, M2, D2, R, T) or DICe's (.xml). "
-        "Displacements are then in metres, three components, in its frame.",
+        "Calibration of two or more cameras: OpenCV's (.yaml, .xml: M1, D1, M2, D2, R, T), DICe's (.xml) or "
+        "MatchID's (.caldat). Displacements are then in metres, three components, in its frame, or with "
+        "`pixels` and `points` in the model's.",
         file);
   s.choice("camera_unit", &G::cameras_in_metres, "mm", "m", "Unit of length of the calibration.");
+  s.add("calibration_std", &G::calibration_std,
+        "Uncertainty of the calibration, an error that all pictures share: CSV with a row for each parameter "
+        "that is not exact (`parameter`: camera0.fx, …) and its `std`, or a column for each: the covariance.",
+        file);
   s.add("other_pictures", &G::other_folders,
         "Folders of the further cameras' pictures, in the calibration's order; as many pictures as in "
         "`[data] pictures`, which holds the first camera's.");
@@ -154,7 +157,8 @@ void add_registration_options(Section<G>& s) {
   s.add("origin", &G::origin, "Pixel at which the model's origin appears, [x, y].", of_shape(k_pair));
   s.add("angle", &G::angle, "Angle by which the picture is rotated relative to the model, degrees.");
   s.add("pixels", &G::pixels,
-        "Instead of scale, origin and angle: points found in the reference picture, [[x, y], …], px …",
+        "Instead of scale, origin and angle: points found in the (first camera's) reference picture, "
+        "[[x, y], …], px …",
         of_shape(k_points));
   s.add("points", &G::points, "… and where they are on the model's face, [[right, up], …], m.",
         of_shape(k_points));
@@ -224,6 +228,7 @@ std::optional<OutlineRegistration> outline_of(Values& values, const Given& g) {
 
 std::optional<imaging::PictureFrame> frame_of(Values& values, const Given& g) {
   std::optional<imaging::PictureFrame> frame;
+  if (!g.cameras.empty()) return frame;
   const bool fitted = values.has("dic.pixels") || values.has("dic.points");
   if (fitted && (g.scale || values.has("dic.origin")))
     values.complain("dic.pixels", "\"dic.pixels\" and \"dic.points\" give scale and origin: leave those out");
@@ -274,9 +279,11 @@ void complete_cameras(Values& values, Given& g) {
   g.camera_unit = g.cameras_in_metres ? 1 : 1e-3;
   for (std::string& folder : g.other_folders) folder = values.resolved(folder);
   if (g.cameras.empty())
-    return refuse(values, {"dic.camera_unit", "dic.other_pictures"}, "\"dic.cameras\", a calibration");
-  for (const char* key : {"dic.scale", "dic.pixels", "dic.registration", "dic.crack", "dic.drift", "dic.mesh",
-                          "dic.reference_update", "dic.regularisation"})
+    return refuse(values, {"dic.camera_unit", "dic.calibration_std", "dic.other_pictures"},
+                  "\"dic.cameras\", a calibration");
+  for (const char* key :
+       {"dic.scale", "dic.scale_std", "dic.origin", "dic.angle", "dic.registration", "dic.crack", "dic.drift",
+        "dic.mesh_file", "dic.reference_update", "dic.regularisation"})
     if (values.has(key))
       values.complain(key, fmt::format("\"{}\" is for one camera: leave it out with \"dic.cameras\"", key));
   if (g.folder.empty() || g.other_folders.empty())
@@ -286,7 +293,7 @@ void complete_cameras(Values& values, Given& g) {
 }
 
 void check_meshes(Values& values, const PictureOptions& p) {
-  const bool registered = p.frame || p.outline;
+  const bool registered = p.frame || p.outline || !p.cameras.empty();
   const auto refuse_unless = [&](bool holds, const char* key, const std::string& text) {
     if (!holds) values.complain(key, text);
   };

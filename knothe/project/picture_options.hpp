@@ -39,7 +39,11 @@ struct PictureOptions {
   bool mesh_in_metres = false;  ///< unit of that file
   std::string cameras;          ///< [dic] cameras, resolved; empty: one camera, without calibration
   double camera_unit = 1e-3;    ///< m
+  std::string calibration_std;  ///< resolved; empty: the calibration is exact
   std::vector<std::string> other_folders;  ///< [dic] other_pictures, resolved: one for each further camera
+  /// Points found in the (first) reference, px, and where they are on the model's face, m (right, up).
+  std::vector<std::array<double, 2>> pixels, points;
+  double point_std = 0.5;  ///< px
 };
 
 /// Reads [dic] and [data] pictures, times. Complaints go to `values`.

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "knothe/imaging/mesh/outline_registration.hpp"
+#include "knothe/imaging/stereo/stereo_series.hpp"
 #include "knothe/project/project_file.hpp"
 
 namespace knothe::project {
@@ -18,6 +19,12 @@ namespace knothe::project {
 /// DataError as of fit_outline and for the picture.
 std::optional<imaging::OutlineFit> register_pictures(Project& project, const std::optional<model::Mesh>& mesh,
                                                      bool live = false);
+
+/// The frame of the cameras of the project ([dic] cameras) becomes the model's, by its pixels and points
+/// where they are given, and the mesh the model's surface where that is asked for. Returns a line for people,
+/// empty where nothing was fitted. Errors: ProjectError, those of fit_stereo_pose and StereoSeries.
+std::string register_cameras(const Project& project, const std::optional<model::Mesh>& mesh,
+                             imaging::StereoOptions& cameras);
 
 /// One line for people: scale, turn, and how well the edges lie on the outline.
 [[nodiscard]] std::string registration_text(const imaging::OutlineFit& fit);

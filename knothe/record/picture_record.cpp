@@ -90,11 +90,11 @@ std::string picture_text(const imaging::PictureResult& r, double noise_std,
 
 namespace {
 
-/// Mean standard deviation of x, y, z, m.
-std::array<double, 3> mean_deviation(const imaging::SurfaceMotion& motion) {
+/// Mean standard deviation of x, y, z, m, of `std`, which is 0 where nothing was measured.
+std::array<double, 3> mean_deviation(const imaging::SurfaceMotion& motion, const Eigen::VectorXd& std) {
   std::array<double, 3> mean{};
   const double nodes = std::max<double>(1, std::count(motion.measured.begin(), motion.measured.end(), 1));
-  for (Index i = 0; i < motion.std.size(); ++i) mean[i % 3] += motion.std[i] / nodes;
+  for (Index i = 0; i < std.size(); ++i) mean[i % 3] += std[i] / nodes;
   return mean;
 }
 
@@ -124,21 +124,27 @@ nlohmann::ordered_json stereo_record(const imaging::StereoSeries& series, const 
                                  {"noise_std_px", noise},
                                  {"surface_epipolar_rms_px", series.surface().epipolar_rms},
                                  {"missing", r.missing}};
-  if (r.missing)
+  if (r.missing) {
     line["message"] = r.message;
-  else
-    line["noise_std_m"] = mean_deviation(r.motion), line["epipolar_rms_px"] = r.motion.epipolar_rms,
-    line["chi_square_per_value"] = r.motion.chi_square / r.motion.redundancy;
+    return line;
+  }
+  line["noise_std_m"] = mean_deviation(r.motion, r.motion.std);
+  if (r.calibration.cols() > 0) line["calibration_std_m"] = mean_deviation(r.motion, r.calibration_std());
+  line["epipolar_rms_px"] = r.motion.epipolar_rms;
+  line["chi_square_per_value"] = r.motion.chi_square / r.motion.redundancy;
   return line;
 }
 
 std::string stereo_text(const imaging::StereoResult& r) {
   if (r.missing) return "";
-  const auto std = mean_deviation(r.motion);
-  return fmt::format(
-      "{}: noise {:.3g}, {:.3g}, {:.3g} µm (x, y, z), cameras contradict each other by {:.3g} px, {:.0f} ms",
-      r.pictures.front().picture, 1e6 * std[0], 1e6 * std[1], 1e6 * std[2], r.motion.epipolar_rms,
-      r.elapsed_ms);
+  const auto micrometres = [&](const char* what, const Eigen::VectorXd& of) {
+    const auto std = mean_deviation(r.motion, of);
+    return fmt::format("{} {:.3g}, {:.3g}, {:.3g} µm", what, 1e6 * std[0], 1e6 * std[1], 1e6 * std[2]);
+  };
+  return fmt::format("{}: {}{} (x, y, z), cameras contradict each other by {:.3g} px, {:.0f} ms",
+                     r.pictures.front().picture, micrometres("noise", r.motion.std),
+                     r.calibration.cols() > 0 ? micrometres(", calibration", r.calibration_std()) : "",
+                     r.motion.epipolar_rms, r.elapsed_ms);
 }
 
 nlohmann::ordered_json pattern_record(const std::string& name, const imaging::PatternReport& r,

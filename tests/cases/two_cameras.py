@@ -135,13 +135,15 @@ roi = [12, 12, 147, 107]
 
     def test_wrong_usage(self):
         self.draw()
-        self.dic("--camera-unit", "m", status=2, stderr="--camera-unit is that of a calibration: give --cameras, or [dic] camera_unit")
+        self.dic("--camera-unit", "m", status=2, stderr="--camera-unit and --calibration-std are those of a calibration: give --cameras")
         self.dic("--cameras", "stereo.yaml", status=2, stderr=["--cameras CALIBRATION and --other PICTURES… belong together"])
         self.dic("--cameras", "stereo.yaml", "--other", "right/0_reference.pgm", status=2,
                  stderr=["--other takes the pictures of the further cameras, 2 of each: its reference, then the deformed ones in the "
                          "same order; 1 are given"])
-        self.dic("--cameras", "stereo.yaml", "--other", "right/0_reference.pgm", "right/1_moved.pgm", "--maps", "maps", status=2,
-                 stderr=["--at, --std, --maps, --table and --resume are for one camera; with --cameras use -o"])
+        self.dic("--cameras", "stereo.yaml", "--other", "right/0_reference.pgm", "right/1_moved.pgm", "--table", "t.txt", status=2,
+                 stderr=["--at, --std and --table are for one camera; with --cameras use -o"])
+        self.dic("--cameras", "stereo.yaml", "--other", "right/0_reference.pgm", "right/1_moved.pgm", "--resume", status=2,
+                 stderr=["--resume needs -o FILE.h5, what it goes on with"])
         (self.folder / "stereo.yaml").write_text(CALIBRATION.replace("T: !!opencv", "S: !!opencv"))
         self.dic("--cameras", "stereo.yaml", "--other", "right/0_reference.pgm", "right/1_moved.pgm", status=4, stderr=["stereo.yaml", "T"])
 

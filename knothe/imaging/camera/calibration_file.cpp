@@ -4,8 +4,10 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <map>
 #include <optional>
 #include <pugixml.hpp>
+#include <sstream>
 #include <string_view>
 
 #include "knothe/base/error.hpp"
@@ -210,6 +212,47 @@ std::vector<Camera> dice_cameras(const CalibrationText& file) {
   return cameras;
 }
 
+/// The lines `NAME [unit]; value` of a MatchID table, parted by a semicolon or tab; "Kappa 1" is Kappa1.
+std::map<std::string, double> matchid_table(const CalibrationText& file) {
+  std::map<std::string, double> table;
+  std::istringstream lines(file.text);
+  for (std::string line; std::getline(lines, line);) {
+    const std::size_t end = line.find_first_of(";\t");
+    if (end == std::string::npos) continue;
+    std::string key = line.substr(0, std::min(end, line.find('[')));
+    std::erase(key, ' ');
+    const auto numbers = numbers_in(file, std::string_view(line).substr(end + 1), key);
+    if (numbers.size() != 1) file.fail(fmt::format("{}: one number is needed", key));
+    table[key] = numbers.front();
+  }
+  return table;
+}
+
+std::vector<Camera> matchid_cameras(const CalibrationText& file) {
+  std::map<std::string, double> table = matchid_table(file);
+  const auto take = [&](const std::string& key, bool is_needed) {
+    const auto found = table.extract(key);
+    if (found.empty() && is_needed) file.fail(fmt::format("{} is missing: is the file whole?", key));
+    return found.empty() ? 0 : found.mapped();
+  };
+  std::vector<Camera> cameras(2);
+  for (Index c = 0; c < 2; ++c) {
+    Camera& camera = cameras[c];
+    const std::string name = fmt::format("Cam{}_", c);
+    camera.fx = take(name + "Fx", true), camera.fy = take(name + "Fy", true);
+    camera.cx = take(name + "Cx", true), camera.cy = take(name + "Cy", true);
+    camera.skew = take(name + "Fs", false);
+    for (Index k = 0; k < 3; ++k) camera.radial[k] = take(fmt::format("{}Kappa{}", name, k + 1), false);
+    camera.tangential = {take(name + "P1", false), take(name + "P2", false)};
+  }
+  const double theta = take("Theta", true), phi = take("Phi", true), psi = take("Psi", true);
+  cameras[1].rotation = rotation_of_angles(theta, phi, psi);
+  for (int k = 0; k < 3; ++k) cameras[1].translation[k] = take(std::string("T") + "xyz"[k], true);
+  for (const auto& [key, value] : table)
+    if (key.starts_with("Cam") && value != 0) file.fail(fmt::format("{} is not known here", key));
+  return cameras;
+}
+
 }  // namespace
 
 std::vector<Camera> read_cameras(const std::string& path) {
@@ -224,6 +267,8 @@ std::vector<Camera> parse_cameras(const std::string& text, const std::string& pa
     cameras = opencv_cameras(file);
   else if (file.has("DICe_xml_camera_system_file"))
     cameras = dice_cameras(file);
+  else if (file.has("\nCam0_Fx"))
+    cameras = matchid_cameras(file);
   else if (file.has("DICe_XML_Calibration_File"))
     file.fail("this is DICe's form of before 2020; open and save it with a DICe of today");
   else if (file.has("<orientation>"))
@@ -231,7 +276,9 @@ std::vector<Camera> parse_cameras(const std::string& text, const std::string& pa
         "this is a project of VIC-3D, whose model of the lens is not published; calibrate with OpenCV or "
         "DICe from the same pictures of the target");
   else
-    file.fail("no calibration that is known: OpenCV's .yaml or .xml of two cameras, or DICe's .xml");
+    file.fail(
+        "no calibration that is known: OpenCV's .yaml or .xml of two cameras, DICe's .xml, or MatchID's "
+        ".caldat");
   if (cameras.size() < 2)
     file.fail(fmt::format("{} camera(s) found; two or more are needed", cameras.size()));
   for (Index c = 0; c < std::ssize(cameras); ++c) check(file, cameras[c], c);

@@ -11,6 +11,8 @@ namespace knothe::imaging {
 /// the content:
 /// - OpenCV's FileStorage (.yaml, .xml) with M1, D1, M2, D2, R, T as its stereo calibration writes them (or
 ///   cameraMatrix1, distCoeffs1 …): the world is the first camera, X_2 = R X_1 + T;
+/// - MatchID's table (.caldat) of Cam0_Fx …, Cam1_…, X_1 = R X_0 + T, R of Theta, Phi, Psi
+/// (rotation_of_angles);
 /// - DICe's camera system (.xml): R by rows or angles, t, world to camera; OpenCV's distortion.
 /// Errors: IoError; DataError naming file, key and remedy: what cannot be read, lacks a key, or has
 /// coefficients that Camera does not have (thin prism, tilted sensor) or whose meaning is not known with

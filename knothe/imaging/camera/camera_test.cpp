@@ -126,14 +126,43 @@ T: !!opencv-matrix
    data: [ 130.75, -0.61049, 17.133 ]
 )";
 
+/// The same as MatchID writes it; the angles are those of R above, by their formulas.
+constexpr const char* k_matchid = R"(Cam0_Fx [pixels];2468.528613
+Cam0_Fy [pixels];2468.253027
+Cam0_Fs [pixels];0
+Cam0_Kappa 1;0.06384132162
+Cam0_Kappa 2;0
+Cam0_Kappa 3;0
+Cam0_P1;0
+Cam0_P2;0
+Cam0_Cx [pixels];638.9130236
+Cam0_Cy [pixels];407.2947410
+Cam1_Fx [pixels];2377.107751
+Cam1_Fy [pixels];2376.915841
+Cam1_Fs [pixels];0.5
+Cam1_Kappa 1;0.06198448417
+Cam1_Kappa 2;0
+Cam1_Kappa 3;0
+Cam1_P1;0.002
+Cam1_P2;0
+Cam1_Cx [pixels];628.6069607
+Cam1_Cy [pixels];394.5705260
+Tx [mm];130.75
+Ty [mm];-0.61049
+Tz [mm];17.133
+Theta [deg];0.0900802056
+Phi [deg];-18.0302455967
+Psi [deg];-0.0876627900
+)";
+
 std::vector<Camera> cameras_of(const char* text) {
   const files::TestFolder folder;
   std::ofstream(folder.file("calibration")) << text;
   return read_cameras(folder.file("calibration"));
 }
 
-TEST(CalibrationFile, OneSystemInTwoFormatsIsOneSystem) {
-  for (const char* text : {k_dice, k_opencv_yaml}) {
+TEST(CalibrationFile, OneSystemInThreeFormatsIsOneSystem) {
+  for (const char* text : {k_dice, k_opencv_yaml, k_matchid}) {
     const auto cameras = cameras_of(text);
     ASSERT_EQ(cameras.size(), 2U) << text;
     EXPECT_NEAR(cameras[1].fx, 2377.107751, 1e-9);
@@ -147,6 +176,21 @@ TEST(CalibrationFile, OneSystemInTwoFormatsIsOneSystem) {
     EXPECT_NEAR(turn(2, 1), 0.00149499, 2e-6);
     EXPECT_LT((shift - Eigen::Vector3d(130.75, -0.61049, 17.133)).norm(), 5.1e-3) << shift.transpose();
   }
+}
+
+TEST(CalibrationFile, MatchIdHasSkewAndNamesWhatItLacks) {
+  const auto cameras = cameras_of(k_matchid);
+  EXPECT_EQ(cameras[1].skew, 0.5);
+  EXPECT_EQ(cameras[1].tangential[0], 0.002);
+  const auto message = [](std::string text, const std::string& from, const std::string& to) {
+    text.replace(text.find(from), from.size(), to);
+    return files::message_of<DataError>([&] { (void)cameras_of(text.c_str()); });
+  };
+  EXPECT_NE(message(k_matchid, "Phi [deg]", "Chi [deg]").find("Phi is missing"), std::string::npos);
+  EXPECT_NE(message(k_matchid, "Cam1_Kappa 3;0", "Cam1_Kappa 4;0.1").find("Cam1_Kappa4 is not known here"),
+            std::string::npos);
+  EXPECT_NE(message(k_matchid, "2377.107751", "2377,107751").find("Cam1_Fx: one number is needed"),
+            std::string::npos);
 }
 
 TEST(CalibrationFile, AttributesOfDiceMayStandInAnyOrder) {

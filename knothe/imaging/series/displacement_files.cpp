@@ -102,43 +102,47 @@ void write_per_picture(files::Hdf5Writer& file, const std::string& name,
                        const Get& get) {
   std::vector<double> values;
   for (const auto& r : results) values.push_back(get(r));
-  file.write("/pictures/" + name, values, {values.size()}, labels);
+  file.write(name, values, {values.size()}, labels);
 }
 
-void write_records(files::Hdf5Writer& file, const std::vector<PictureResult>& results) {
+void write_records(files::Hdf5Writer& file, const std::string& group,
+                   const std::vector<PictureResult>& results) {
+  const std::string pictures = group + "/pictures";
   std::vector<std::string> names, messages, replaced;
   for (const auto& r : results)
     names.push_back(r.picture), messages.push_back(r.message), replaced.push_back(r.reference);
-  write_per_picture(file, "converged", results, {"1", "1 where the correlation converged"},
+  write_per_picture(file, pictures + "/converged", results, {"1", "1 where the correlation converged"},
                     [](const auto& r) { return r.correlation.converged ? 1 : 0; });
-  write_per_picture(file, "iterations", results, {"1", "Gauss-Newton iterations"},
+  write_per_picture(file, pictures + "/iterations", results, {"1", "Gauss-Newton iterations"},
                     [](const auto& r) { return r.correlation.iterations; });
-  write_per_picture(file, "residual_rms", results, {"grey levels", "root mean square of f - a g(x + u) - b"},
+  write_per_picture(file, pictures + "/residual_rms", results,
+                    {"grey levels", "root mean square of f - a g(x + u) - b"},
                     [](const auto& r) { return r.correlation.residual_rms; });
-  write_per_picture(file, "noise", results, {"grey levels", "standard deviation of a picture's noise"},
+  write_per_picture(file, pictures + "/noise", results,
+                    {"grey levels", "standard deviation of a picture's noise"},
                     [](const auto& r) { return r.noise; });
-  write_per_picture(file, "gain", results, {"1", "a in f = a g(x + u) + b"},
+  write_per_picture(file, pictures + "/gain", results, {"1", "a in f = a g(x + u) + b"},
                     [](const auto& r) { return r.correlation.gain; });
-  write_per_picture(file, "offset", results, {"grey levels", "b in f = a g(x + u) + b"},
+  write_per_picture(file, pictures + "/offset", results, {"grey levels", "b in f = a g(x + u) + b"},
                     [](const auto& r) { return r.correlation.offset; });
-  write_per_picture(file, "elements_rejected", results, {"1", "elements without a measurement"},
+  write_per_picture(file, pictures + "/elements_rejected", results, {"1", "elements without a measurement"},
                     [](const auto& r) { return r.correlation.elements_rejected; });
-  file.texts_attribute("/pictures", "names", names);
-  file.texts_attribute("/pictures", "replaced_reference", replaced);
-  file.texts_attribute("/pictures", "messages", messages);
+  file.texts_attribute(pictures, "names", names);
+  file.texts_attribute(pictures, "replaced_reference", replaced);
+  file.texts_attribute(pictures, "messages", messages);
 }
 
 /// One value for each of the file's cells.
-void write_elements(files::Hdf5Writer& file, const std::vector<PictureResult>& results,
-                    const FileCells& cells) {
+void write_elements(files::Hdf5Writer& file, const std::string& group,
+                    const std::vector<PictureResult>& results, const FileCells& cells) {
   std::vector<std::int64_t> valid;
   std::vector<double> residual;
   for (const auto& r : results)
     for (const std::size_t e : cells.element)
       valid.push_back(r.correlation.element_valid[e]), residual.push_back(r.correlation.element_residual[e]);
   const files::Shape shape{results.size(), cells.element.size()};
-  file.write_integers("/elements/valid", valid, shape, {"1", "1 where an element was measured"});
-  file.write("/elements/residual", residual, shape, {"grey levels", "root mean square residual"});
+  file.write_integers(group + "/elements/valid", valid, shape, {"1", "1 where an element was measured"});
+  file.write(group + "/elements/residual", residual, shape, {"grey levels", "root mean square residual"});
 }
 
 /// A crack of each picture: what belongs to the tip in one row per picture, the paths each by itself.
@@ -219,6 +223,31 @@ double time_of(const PictureSeries& series, std::size_t picture) {
   return times.empty() ? picture : times[picture];
 }
 
+void write_pictures(files::Hdf5Writer& file, const std::string& group, const PictureSeries& series,
+                    const std::vector<PictureResult>& results) {
+  const ImageMesh& mesh = series.correlation().mesh();
+  const std::size_t n_t = results.size(), n = mesh.x.size();
+  std::vector<double> nodes, in_pixels, unregularised;
+  for (std::size_t a = 0; a < n; ++a) nodes.insert(nodes.end(), {mesh.x[a], mesh.y[a]});
+  for (const PictureResult& r : results) {
+    const auto measured = measured_nodes(mesh, r.correlation.element_valid);
+    for (std::size_t i = 0; i < 2 * n; ++i)
+      in_pixels.push_back(measured[i / 2] != 0 ? r.correlation.displacement[i] : k_nan);
+    const Eigen::VectorXd& free = r.correlation.unregularised;
+    for (std::size_t i = 0; i < 2 * n; ++i)
+      unregularised.push_back(measured[i / 2] != 0 && free.size() > 0 ? free[i] : k_nan);
+  }
+  file.write(group + "/picture_frame/nodes", nodes, {n, 2},
+             {"px", "nodes in the reference picture, x right, y down"});
+  file.write(group + "/picture_frame/displacement", in_pixels, {n_t, n, 2}, {"px", "u right, v down"});
+  if (series.options().correlation.regularisation > 0)
+    file.write(group + "/picture_frame/unregularised", unregularised, {n_t, n, 2},
+               {"px", "the same without the regularisation, which /values are made of"});
+  write_records(file, group, results);
+  write_elements(file, group, results, file_cells(mesh));
+  file.texts_attribute(group.empty() ? "/" : group, "references", series.options().references);
+}
+
 void write_displacements(const std::string& path, const PictureSeries& series,
                          const std::vector<PictureResult>& results, const std::optional<PictureFrame>& frame,
                          const std::string& project) {
@@ -229,19 +258,12 @@ void write_displacements(const std::string& path, const PictureSeries& series,
   std::vector<double> places, values;
   std::vector<std::int64_t> component;
   observation_places(mesh, frame, places, component);
-  std::vector<double> time, nodes, in_pixels, unregularised;
-  for (std::size_t t = 0; t < n_t; ++t) time.push_back(time_of(series, t));
-  for (std::size_t a = 0; a < n; ++a) nodes.insert(nodes.end(), {mesh.x[a], mesh.y[a]});
+  std::vector<double> time;
   for (std::size_t t = 0; t < n_t; ++t) {
+    time.push_back(time_of(series, t));
     const Eigen::VectorXd observed = observed_values(mesh, results[t], frame);
     values.insert(values.end(), observed.begin(), observed.end());
     values.insert(values.end(), drift_modes(drift), k_nan);
-    const auto measured = measured_nodes(mesh, results[t].correlation.element_valid);
-    for (std::size_t i = 0; i < 2 * n; ++i)
-      in_pixels.push_back(measured[i / 2] != 0 ? results[t].correlation.displacement[i] : k_nan);
-    const Eigen::VectorXd& free = results[t].correlation.unregularised;
-    for (std::size_t i = 0; i < 2 * n; ++i)
-      unregularised.push_back(measured[i / 2] != 0 && free.size() > 0 ? free[i] : k_nan);
   }
   std::vector<double> points;
   for (std::size_t a = 0; a < n; ++a)
@@ -262,23 +284,15 @@ void write_displacements(const std::string& path, const PictureSeries& series,
     file.write_integers("/mesh/cells", cells.nodes, {cells.element.size(), cells.nodes_per_cell},
                         {"1", "nodes of each cell"});
     file.text_attribute("/mesh/cells", "type", cells.nodes_per_cell == 4 ? "VTK_QUAD" : "VTK_TRIANGLE");
-    file.write("/picture_frame/nodes", nodes, {n, 2},
-               {"px", "nodes in the reference picture, x right, y down"});
-    file.write("/picture_frame/displacement", in_pixels, {n_t, n, 2}, {"px", "u right, v down"});
-    if (series.options().correlation.regularisation > 0)
-      file.write("/picture_frame/unregularised", unregularised, {n_t, n, 2},
-                 {"px", "the same without the regularisation, which /values are made of"});
+    write_pictures(file, "", series, results);
     if (frame) {
       file.number_attribute("/picture_frame", "scale", frame->scale());
       file.number_attribute("/picture_frame", "relative_scale_std", frame->relative_scale_std);
     }
-    write_records(file, results);
-    write_elements(file, results, cells);
     if (series.options().crack) write_cracks(file, results);
     file.text_attribute("/", "created_by", k_created_by);
     file.text_attribute("/", "project", project);
     file.text_attribute("/", "length_unit", unit);
-    file.texts_attribute("/", "references", series.options().references);
     file.close();
   });
 }

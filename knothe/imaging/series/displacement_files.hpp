@@ -31,6 +31,11 @@ void write_displacements(const std::string& path, const PictureSeries& series,
                          const std::vector<PictureResult>& results, const std::optional<PictureFrame>& frame,
                          const std::string& project);
 
+/// Of the pictures of one camera, under `group` ("" for the file's own): what they showed in px, so that
+/// their series can go on.
+void write_pictures(files::Hdf5Writer& file, const std::string& group, const PictureSeries& series,
+                    const std::vector<PictureResult>& results);
+
 /// A symmetric matrix, both triangles stored, as `name`/data, /indices and /indptr; zeros are left out.
 void write_symmetric(files::Hdf5Writer& file, const std::string& name,
                      const Eigen::SparseMatrix<double>& matrix, const std::string& units);
@@ -44,9 +49,10 @@ struct FileCells {
 };
 [[nodiscard]] FileCells file_cells(const ImageMesh& mesh);
 
-/// The results in such a file, of the first pictures of this series, so that it can go on
+/// The results in such a file under `group`, of the first pictures of this series, so that it can go on
 /// (PictureSeries::resume). Errors: DataError for a file of other references, pictures or mesh.
-[[nodiscard]] std::vector<PictureResult> read_results(const std::string& path, const PictureSeries& series);
+[[nodiscard]] std::vector<PictureResult> read_results(const std::string& path, const PictureSeries& series,
+                                                      const std::string& group = "");
 
 /// Standard deviations of u and v at points of the reference picture (n × 2, px), with the covariance of an
 /// element's nodes; NaN where write_at_points has `inside` 0.

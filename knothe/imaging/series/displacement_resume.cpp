@@ -41,33 +41,37 @@ void read_crack(const files::Hdf5Reader& file, std::size_t t, PictureResult& r) 
 
 }  // namespace
 
-std::vector<PictureResult> read_results(const std::string& path, const PictureSeries& series) {
+std::vector<PictureResult> read_results(const std::string& path, const PictureSeries& series,
+                                        const std::string& group) {
   const files::Hdf5Reader file(path);
-  if (!file.has("/picture_frame/displacement") || !file.has("/elements/valid"))
+  if (!file.has(group + "/picture_frame/displacement") || !file.has(group + "/elements/valid"))
     throw DataError(fmt::format("{}: error: not a file of `knothe dic`: it cannot be resumed", path));
   const ImageMesh& mesh = series.correlation().mesh();
   const FileCells file_has = file_cells(mesh);
   const std::size_t nodes = mesh.x.size(), cells = file_has.element.size();
-  const auto names = file.texts_attribute("/pictures", "names"),
-             messages = file.texts_attribute("/pictures", "messages");
+  const auto names = file.texts_attribute(group + "/pictures", "names"),
+             messages = file.texts_attribute(group + "/pictures", "messages");
   const std::size_t n_t = names.size();
-  if (file.texts_attribute("/", "references") != series.options().references) refuse(path, "reference");
+  if (file.texts_attribute(group.empty() ? "/" : group, "references") != series.options().references)
+    refuse(path, "reference");
   const auto& pictures = series.options().pictures;
   if (n_t > pictures.size() || !std::equal(names.begin(), names.end(), pictures.begin()))
     refuse(path, "pictures");
-  const auto places = file.read("/picture_frame/nodes");
-  bool same = places.size() == 2 * nodes && file.shape("/elements/valid")[1] == cells;
+  const auto places = file.read(group + "/picture_frame/nodes");
+  bool same = places.size() == 2 * nodes && file.shape(group + "/elements/valid")[1] == cells;
   for (std::size_t a = 0; same && a < nodes; ++a)
     same = std::abs(places[2 * a] - mesh.x[a]) < 1e-6 && std::abs(places[2 * a + 1] - mesh.y[a]) < 1e-6;
   if (!same) refuse(path, "mesh");
-  const auto displacement = file.read("/picture_frame/displacement", files::Shape{n_t, nodes, 2}, true);
-  const bool regularised = file.has("/picture_frame/unregularised");
-  const auto free = regularised ? file.read("/picture_frame/unregularised", files::Shape{n_t, nodes, 2}, true)
-                                : std::vector<double>();
-  const auto residual = file.read("/elements/residual", files::Shape{n_t, cells});
-  const auto valid = file.read_integers("/elements/valid");
+  const auto displacement =
+      file.read(group + "/picture_frame/displacement", files::Shape{n_t, nodes, 2}, true);
+  const bool regularised = file.has(group + "/picture_frame/unregularised");
+  const auto free = regularised
+                        ? file.read(group + "/picture_frame/unregularised", files::Shape{n_t, nodes, 2}, true)
+                        : std::vector<double>();
+  const auto residual = file.read(group + "/elements/residual", files::Shape{n_t, cells});
+  const auto valid = file.read_integers(group + "/elements/valid");
   const auto number = [&](const char* name) {
-    return file.read(std::string("/pictures/") + name, files::Shape{n_t});
+    return file.read(group + "/pictures/" + name, files::Shape{n_t});
   };
   const auto converged = number("converged"), iterations = number("iterations"), rms = number("residual_rms"),
              noise = number("noise"), gain = number("gain"), offset = number("offset"),

@@ -13,8 +13,7 @@ namespace knothe::imaging {
 
 namespace {
 
-constexpr double k_background = 0.06;  // grey of what is not body
-constexpr double k_reach = 4.5;        // of a dot, in its standard deviations
+constexpr double k_reach = 4.5;  // of a dot, in its standard deviations
 
 /// A number in [0, 1) from a counter: splitmix64, so that rows can be drawn in any order.
 double uniform(std::uint64_t seed, std::uint64_t counter) {
@@ -50,6 +49,16 @@ bool material_point(const DisplacementField& displacement, double x, double y, d
 }
 
 }  // namespace
+
+float recorded_level(const SpeckleCamera& camera, double light, std::uint64_t counter) {
+  const int maximum = (1 << camera.bit_depth) - 1;
+  double level = camera.gain * 255 * light + camera.offset;
+  if (camera.noise > 0) level += camera.noise * normal(camera.seed, counter);
+  level *= maximum / 255.0;
+  if (camera.dead_pixels > 0 && uniform(camera.seed ^ 0x64656164, counter) < camera.dead_pixels) level = 0;
+  if (camera.quantise) level = std::clamp<double>(std::round(level), 0.0, maximum);
+  return level;
+}
 
 SpecklePattern::SpecklePattern(SpeckleOptions options) : options_(options) {
   if (options.width < 4 || options.height < 4 || !(options.dot_radius > 0) || !(options.coverage > 0) ||
@@ -88,13 +97,17 @@ double SpecklePattern::at(double x, double y) const {
   return 0.5 + 0.42 * std::tanh(sum);  // smooth, and never saturated
 }
 
+double SpecklePattern::at(double x, double y, const BodyShape& body) const {
+  const double share = body ? body(x, y) : 1;
+  return (share > 0 ? share * at(x, y) : 0) + (1 - share) * k_background;
+}
+
 files::Picture SpecklePattern::render(const DisplacementField& displacement, const SpeckleCamera& camera,
                                       int threads, const BodyShape& body) const {
   files::Picture picture;
   picture.width = options_.width, picture.height = options_.height, picture.bit_depth = camera.bit_depth;
   picture.maximum = (1 << camera.bit_depth) - 1;
   picture.pixels.resize(static_cast<std::size_t>(options_.width) * options_.height);
-  const double scale = picture.maximum / 255.0;
   const int n = std::max(1, camera.supersampling);
   parallel_for(options_.height, threads, [&](std::size_t row) {
     const int y = row;
@@ -109,18 +122,10 @@ files::Picture SpecklePattern::render(const DisplacementField& displacement, con
             if (!material_point(displacement, sx, sy, at_x, at_y)) continue;
             last_x = sx - at_x, last_y = sy - at_y;
           }
-          const double share = body ? body(at_x, at_y) : 1;
-          if (share > 0) sum += share * at(at_x, at_y);
-          sum += (1 - share) * k_background;
+          sum += at(at_x, at_y, body);
         }
       const std::uint64_t counter = picture.index(x, y);
-      double level = camera.gain * 255 * sum / (n * n) + camera.offset;
-      if (camera.noise > 0) level += camera.noise * normal(camera.seed, counter);
-      level *= scale;
-      if (camera.dead_pixels > 0 && uniform(camera.seed ^ 0x64656164, counter) < camera.dead_pixels)
-        level = 0;
-      if (camera.quantise) level = std::clamp<double>(std::round(level), 0.0, picture.maximum);
-      picture.pixels[counter] = level;
+      picture.pixels[counter] = recorded_level(camera, sum / (n * n), counter);
     }
   });
   return picture;

@@ -24,6 +24,9 @@ using DisplacementField = std::function<Displacement(double x, double y)>;
 /// How much of a material point is body (1) and how much background (0); smooth at the outline.
 using BodyShape = std::function<double(double x, double y)>;
 
+/// Light of what is not body.
+inline constexpr double k_background = 0.06;
+
 struct SpeckleOptions {
   int width = 512, height = 512;  ///< px
   double dot_radius = 2.0;        ///< mean of s_k, px; the speckle's size is about 2.4 times that
@@ -42,6 +45,9 @@ struct SpeckleCamera {
   std::uint64_t seed = 1;  ///< of noise and dead pixels
 };
 
+/// The grey level that a camera makes of the light 0 … 1 in pixel `counter` of a picture.
+[[nodiscard]] float recorded_level(const SpeckleCamera& camera, double light, std::uint64_t counter);
+
 /// A fixed pattern of dots, drawn under any displacement.
 class SpecklePattern {
  public:
@@ -50,6 +56,8 @@ class SpecklePattern {
   [[nodiscard]] const SpeckleOptions& options() const { return options_; }
   /// Grey level 0 … 1 of a material point.
   [[nodiscard]] double at(double x, double y) const;
+  /// The same of what is body and what background.
+  [[nodiscard]] double at(double x, double y, const BodyShape& body) const;
   /// The picture under a displacement field (empty: none). Where x = X + u(X) has no solution nearby (a
   /// crack's opening) the pixel is black. `body` (empty: everywhere): beside it there is a dark background.
   /// Errors: UsageError for a field that is not finite.

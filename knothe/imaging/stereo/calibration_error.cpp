@@ -1,8 +1,15 @@
 #include "knothe/imaging/stereo/calibration_error.hpp"
 
+#include <fmt/format.h>
+
 #include <Eigen/SparseCholesky>
+#include <algorithm>
+#include <cmath>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/text.hpp"
+#include "knothe/files/csv.hpp"
+#include "knothe/numerics/linear/symmetric_eigen.hpp"
 
 namespace knothe::imaging {
 namespace {
@@ -42,7 +49,71 @@ void factorise(Factor& factor, const Eigen::SparseMatrix<double>& normal) {
         "the cameras do not determine the surface's motion, and so not what a change of them does");
 }
 
+/// Names of the entries of CameraChange, of each camera in turn.
+std::vector<std::string> parameter_names(Index cameras) {
+  std::vector<std::string> names;
+  for (Index c = 0; c < cameras; ++c)
+    for (const char* name : {"fx", "fy", "cx", "cy", "skew", "k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2",
+                             "wx", "wy", "wz", "tx", "ty", "tz"})
+      names.push_back(fmt::format("camera{}.{}", c, name));
+  return names;
+}
+
+/// Which parameter each row is of.
+std::vector<Index> parameters_of(const files::CsvTable& table, Index cameras) {
+  const std::vector<std::string> known = parameter_names(cameras), rows = table.texts("parameter");
+  std::vector<Index> places;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const Index place = std::find(known.begin(), known.end(), rows[i]) - known.begin();
+    if (place == std::ssize(known))
+      table.fail(i, "parameter",
+                 fmt::format("\"{}\" is no parameter of these {} cameras{}; the first is camera0.fx", rows[i],
+                             cameras, did_you_mean(rows[i], known)));
+    if (std::find(places.begin(), places.end(), place) != places.end())
+      table.fail(i, "parameter", fmt::format("{} is there twice", rows[i]));
+    places.push_back(place);
+  }
+  return places;
+}
+
 }  // namespace
+
+CalibrationError read_calibration_error(const std::string& path, Index cameras, double unit) {
+  const files::CsvTable table = files::CsvTable::read(path);
+  const std::vector<Index> places = parameters_of(table, cameras);
+  const Index n = std::ssize(places);
+  if (n == 0) throw DataError(path + ": error: it names no parameter");
+  CalibrationError error{table.texts("parameter"), {}};
+  Eigen::MatrixXd root = Eigen::MatrixXd::Zero(n, n);
+  if (table.has("std")) {
+    root.diagonal() = Eigen::Map<const Eigen::VectorXd>(table.numbers("std").data(), n);
+    for (Index i = 0; i < n; ++i)
+      if (!(root(i, i) > 0))
+        table.fail(i, "std", "a standard deviation is positive: leave out what is exact");
+  } else {
+    for (Index j = 0; j < n; ++j)
+      root.col(j) = Eigen::Map<const Eigen::VectorXd>(table.numbers(error.names[j]).data(), n);
+    const auto refuse = [&] {
+      throw DataError(path +
+                      ": error: this is no covariance: it must be symmetric, positive semidefinite, and "
+                      "have a positive diagonal (leave out what is exact)");
+    };
+    if (!(root.diagonal().minCoeff() > 0)) refuse();
+    const Eigen::VectorXd scale = root.diagonal().cwiseSqrt(), inverse = scale.cwiseInverse();
+    const Eigen::MatrixXd correlation = inverse.asDiagonal() * root * inverse.asDiagonal();
+    const numerics::SymmetricEigen axes(correlation);
+    if ((correlation - correlation.transpose()).norm() > 1e-6 * n || axes.eigenvalues()[0] < -1e-6 * n)
+      refuse();
+    root = scale.asDiagonal() * axes.eigenvectors() * axes.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
+    for (Index j = 0; j < n; ++j) error.names[j] = fmt::format("calibration.{}", j + 1);
+  }
+  error.factor = Eigen::MatrixXd::Zero(cameras * k_camera_parameters, n);
+  for (Index i = 0; i < n; ++i) {
+    const bool is_length = places[i] % k_camera_parameters >= k_camera_parameters - 3;
+    error.factor.row(places[i]) = (is_length ? unit : 1) * root.row(i);
+  }
+  return error;
+}
 
 Eigen::MatrixXd calibration_sensitivity(const std::vector<Camera>& cameras, const SurfacePoints& points,
                                         const std::vector<CameraMotion>& motions,

@@ -2,11 +2,24 @@
 /// @file What an error of the calibration does to the motion of a surface: one error, shared by all nodes and
 /// all sets of pictures, of as many unknowns as the cameras have parameters.
 #include <Eigen/Core>
+#include <string>
 #include <vector>
 
 #include "knothe/imaging/stereo/stereo_surface.hpp"
 
 namespace knothe::imaging {
+
+/// What the parameters of C cameras are uncertain by, N(0, F Fᵀ).
+struct CalibrationError {
+  std::vector<std::string> names;  ///< of the columns
+  Eigen::MatrixXd factor;          ///< F, 19 C × q (CameraChange of the first camera, then the next)
+};
+
+/// From CSV with a row for each parameter that is uncertain, named in the column `parameter`: camera0.fx, fy,
+/// cx, cy, skew, k1 … k6, p1, p2, wx, wy, wz (a turn about the camera's axes, rad), tx, ty, tz; camera1.fx ….
+/// A column `std`, or one for each of the rows, in their order: the covariance; a column of F is a parameter,
+/// or a principal axis. `unit`: of length in the file, in the cameras' own. Errors: DataError, IoError.
+[[nodiscard]] CalibrationError read_calibration_error(const std::string& path, Index cameras, double unit);
 
 /// S = ∂u/∂c, 3n × 19 C (CameraChange of the first camera, then the next), by the implicit function at the
 /// motion that surface_motion found: with N = Σ_c J_cᵀ Π_c J_c

@@ -9,14 +9,16 @@
 
 namespace knothe::imaging {
 
-/// Where the material point (s, t) of a surface is, (s, t) in px of its pattern; smooth.
+/// Where the material point (s, t) of a surface is, (s, t) in px of its pattern; continuous.
 using SurfacePlace = std::function<Eigen::Vector3d(double s, double t)>;
 
-/// The picture of `width` × `height` px that a camera takes of a surface with that pattern, 0 … 255, neither
-/// rounded nor noisy. Each pixel is the mean of `supersampling`² points, at each of which the material point
-/// is found by Newton's method: no interpolation. Errors: UsageError where a pixel does not see the surface.
+/// The picture of `width` × `height` px that a camera takes of a surface with that pattern. A pixel is the
+/// mean of its points' light, at each of which the material point is found by Newton's method: no
+/// interpolation. With `body` (empty: everywhere) there is a background, where that finds none too. Errors:
+/// UsageError where a pixel sees neither.
 [[nodiscard]] files::Picture drawn_view(const Camera& camera, int width, int height,
                                         const SpecklePattern& pattern, const SurfacePlace& surface,
-                                        int supersampling = 1);
+                                        const SpeckleCamera& taken = {.quantise = false}, int threads = 1,
+                                        const BodyShape& body = {});
 
 }  // namespace knothe::imaging

@@ -13,6 +13,12 @@
 namespace knothe::imaging {
 namespace {
 
+std::vector<PictureResult> of_camera(Index camera, const std::vector<StereoResult>& results) {
+  std::vector<PictureResult> pictures;
+  for (const StereoResult& r : results) pictures.push_back(r.pictures[camera]);
+  return pictures;
+}
+
 /// Whether each camera measured the same elements, so that the precision is the same.
 bool same_elements(const StereoResult& a, const StereoResult& b) {
   return std::equal(a.pictures.begin(), a.pictures.end(), b.pictures.begin(),
@@ -26,11 +32,8 @@ bool same_elements(const StereoResult& a, const StereoResult& b) {
 void write_stereo_precisions(files::Hdf5Writer& file, const StereoSeries& series,
                              const std::vector<StereoResult>& results) {
   std::vector<double> noise;
-  for (Index c = 0; c < std::ssize(series.options().cameras); ++c) {
-    std::vector<PictureResult> pictures;
-    for (const StereoResult& r : results) pictures.push_back(r.pictures[c]);
-    noise.push_back(std::max(k_quantisation_noise, series_noise(series.camera(c), pictures)));
-  }
+  for (Index c = 0; c < std::ssize(series.options().cameras); ++c)
+    noise.push_back(std::max(k_quantisation_noise, series_noise(series.camera(c), of_camera(c, results))));
   const StereoResult* first = nullptr;
   for (Index t = 0; t < std::ssize(results); ++t) {
     if (results[t].missing || (first != nullptr && same_elements(results[t], *first))) continue;
@@ -42,6 +45,23 @@ void write_stereo_precisions(files::Hdf5Writer& file, const StereoSeries& series
     file.number_attribute(name, "noise_grey_levels", noise.front());
     first = &results[t];
   }
+}
+
+/// What the errors of the calibration do to the values: they are the same errors at all times.
+void write_calibration_errors(files::Hdf5Writer& file, const StereoSeries& series,
+                              const std::vector<StereoResult>& results) {
+  const std::vector<std::string>& names = series.options().calibration.names;
+  if (names.empty()) return;
+  const std::size_t n = 3 * series.surface().points.cols(), q = names.size();
+  std::vector<double> effects;
+  for (const StereoResult& r : results) {
+    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> effect = r.calibration;
+    if (r.missing) effect.setZero(n, q);
+    effects.insert(effects.end(), effect.data(), effect.data() + effect.size());
+  }
+  file.write("/noise/shared_errors", effects, {results.size(), n, q},
+             {"m", "what errors of the calibration do, by their standard deviations"});
+  file.texts_attribute("/noise/shared_errors", "names", names);
 }
 
 std::vector<double> in_order(const SurfacePoints& points) {
@@ -68,10 +88,11 @@ void write_stereo_displacements(const std::string& path, const StereoSeries& ser
     names.push_back(r.pictures.front().picture), messages.push_back(r.message);
     epipolar.push_back(r.missing ? k_nan : r.motion.epipolar_rms);
     chi_square.push_back(r.missing ? k_nan : r.motion.chi_square / r.motion.redundancy);
+    const Eigen::VectorXd deviation = r.missing ? Eigen::VectorXd() : r.std();
     for (std::size_t i = 0; i < 3 * n; ++i) {
       const bool there = !r.missing && r.motion.measured[i / 3] != 0;
       values.push_back(there ? r.motion.displacement[i] : k_nan);
-      std.push_back(there ? r.motion.std[i] : k_nan);
+      std.push_back(there ? deviation[i] : k_nan);
     }
   }
   const FileCells cells = file_cells(surface.meshes.front());
@@ -80,8 +101,10 @@ void write_stereo_displacements(const std::string& path, const StereoSeries& ser
     file.write("/time", time, {n_t},
                {"1", series.camera(0).options().times.empty() ? "index of the picture" : "model time"});
     write_stereo_precisions(file, series, results);
+    write_calibration_errors(file, series, results);
     file.write("/values", values, {n_t, 3 * n}, {"m", "measured displacement"});
-    file.write("/displacement_std", std, {n_t, 3 * n}, {"m", "standard deviation of each picture's values"});
+    file.write("/displacement_std", std, {n_t, 3 * n},
+               {"m", "standard deviation of each picture's values: noise and calibration"});
     file.write("/dofs/points", places, {3 * n, 3}, {"m", "nodes of the surface"});
     file.write_integers("/dofs/component", component, {3 * n},
                         {"1", "displacement component: 0 x, 1 y, 2 z"});
@@ -93,6 +116,8 @@ void write_stereo_displacements(const std::string& path, const StereoSeries& ser
                {"px", "root mean square by which the cameras' displacements contradict each other"});
     file.write("/pictures/chi_square", chi_square, {n_t},
                {"1", "the same, by the noise, squared: 1 if all is well"});
+    for (Index c = 0; c < std::ssize(series.options().cameras); ++c)
+      write_pictures(file, fmt::format("/cameras/{}", c), series.camera(c), of_camera(c, results));
     file.texts_attribute("/pictures", "names", names);
     file.texts_attribute("/pictures", "messages", messages);
     file.number_attribute("/mesh", "epipolar_rms", surface.epipolar_rms);
@@ -103,12 +128,19 @@ void write_stereo_displacements(const std::string& path, const StereoSeries& ser
   });
 }
 
+std::vector<StereoResult> resume_from(const std::string& path, StereoSeries& series) {
+  std::vector<std::vector<PictureResult>> measured;
+  for (Index c = 0; c < std::ssize(series.options().cameras); ++c)
+    measured.push_back(read_results(path, series.camera(c), fmt::format("/cameras/{}", c)));
+  return series.resume(measured);
+}
+
 void write_stereo_vtu(const std::string& path, const StereoSeries& series, const StereoResult& result) {
   const StereoSurface& surface = series.surface();
   const FileCells cells = file_cells(surface.meshes.front());
   const std::vector<double> points = in_order(surface.points);
   const Eigen::VectorXd& u = result.motion.displacement;
-  const Eigen::VectorXd& std = result.motion.std;
+  const Eigen::VectorXd std = result.std();
   const std::vector<char> valid = series.valid_elements(result);
   const Eigen::MatrixXd strain =
       surface_strains(surface.points, result.motion, surface.meshes.front().elements);

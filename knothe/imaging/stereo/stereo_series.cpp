@@ -4,8 +4,10 @@
 
 #include <algorithm>
 #include <chrono>
+#include <map>
 
 #include "knothe/base/error.hpp"
+#include "knothe/imaging/camera/calibration_file.hpp"
 #include "knothe/imaging/correlation/correlation_noise.hpp"
 
 namespace knothe::imaging {
@@ -41,7 +43,24 @@ PictureSeries first_look(SeriesOptions options) {
   return PictureSeries(std::move(options));
 }
 
+/// Of the nodes that are left of a mesh, which have kept their places in the picture, where `nodes` says.
+SurfacePoints known_places(const ImageMesh& left, const ImageMesh& mesh, const SurfacePoints& nodes) {
+  std::map<std::array<double, 2>, Index> at;
+  for (Index a = 0; a < nodes.cols(); ++a) at[{mesh.x[a], mesh.y[a]}] = a;
+  SurfacePoints places(3, left.node_count());
+  for (Index a = 0; a < places.cols(); ++a) places.col(a) = nodes.col(at.at({left.x[a], left.y[a]}));
+  return places;
+}
+
 }  // namespace
+
+StereoOptions cameras_in_metres(const std::string& path, double unit, const std::string& error) {
+  StereoOptions options;
+  options.cameras = read_cameras(path);
+  for (Camera& camera : options.cameras) camera.translation *= unit;
+  if (!error.empty()) options.calibration = read_calibration_error(error, std::ssize(options.cameras), unit);
+  return options;
+}
 
 StereoSeries::StereoSeries(StereoOptions options) : options_(std::move(options)) {
   check_stereo(options_);
@@ -54,6 +73,8 @@ StereoSeries::StereoSeries(StereoOptions options) : options_(std::move(options))
     if (!first.options().mask.empty()) mesh = masked(mesh, read_mask(first.options().mask), 1);
     surface_ = find_surface(options_.cameras, references, mesh, first.options().correlation,
                             options_.epipolar_bound);
+    if (options_.nodes)
+      surface_.points = known_places(surface_.meshes.front(), *options_.series.front().mesh, *options_.nodes);
     first_remarks_ = first.remarks();
   }
   for (Index c = 0; c < std::ssize(options_.series); ++c) {
@@ -68,11 +89,32 @@ StereoSeries::StereoSeries(StereoOptions options) : options_(std::move(options))
 }
 
 StereoResult StereoSeries::next() {
+  std::vector<PictureResult> pictures;
+  for (const auto& series : series_) pictures.push_back(series->next());
+  return combined(std::move(pictures));
+}
+
+std::vector<StereoResult> StereoSeries::resume(const std::vector<std::vector<PictureResult>>& measured) {
+  std::vector<StereoResult> results;
+  for (Index t = 0; t < std::ssize(measured.front()); ++t) {
+    std::vector<PictureResult> pictures;
+    for (const auto& of_camera : measured) pictures.push_back(of_camera[t]);
+    results.push_back(combined(std::move(pictures)));
+  }
+  for (Index c = 0; c < std::ssize(series_); ++c) {
+    CorrelationResult last;
+    for (const PictureResult& picture : measured[c])
+      if (!picture.missing) last = picture.correlation;
+    series_[c]->resume(results.size(), last);
+  }
+  return results;
+}
+
+StereoResult StereoSeries::combined(std::vector<PictureResult> pictures) const {
   StereoResult result;
+  result.pictures = std::move(pictures);
   std::vector<double> gamma;
-  for (const auto& series : series_) {
-    result.pictures.push_back(series->next());
-    const PictureResult& picture = result.pictures.back();
+  for (const PictureResult& picture : result.pictures) {
     result.index = picture.index, result.elapsed_ms += picture.elapsed_ms;
     gamma.push_back(picture.noise);
     if (picture.missing && !result.missing) result.missing = true, result.message = picture.message;
@@ -80,7 +122,12 @@ StereoResult StereoSeries::next() {
   if (result.missing) return result;
   const auto start = std::chrono::steady_clock::now();
   try {
-    result.motion = motion(result, gamma);
+    const std::vector<CameraMotion> seen = motions(result, gamma);
+    result.motion = surface_motion(options_.cameras, surface_.points, seen);
+    result.calibration = Eigen::MatrixXd::Zero(3 * surface_.points.cols(), 0);
+    if (!options_.calibration.names.empty())
+      result.calibration = calibration_sensitivity(options_.cameras, surface_.points, seen, result.motion) *
+                           options_.calibration.factor;
     if (!(result.motion.epipolar_rms <= options_.epipolar_bound)) {
       result.message = fmt::format(
           "{}: the cameras' displacements contradict each other by {:.3g} px (root mean square): were the "
@@ -97,19 +144,20 @@ StereoResult StereoSeries::next() {
   return result;
 }
 
-SurfaceMotion StereoSeries::motion(const StereoResult& result, const std::vector<double>& gamma) const {
+std::vector<CameraMotion> StereoSeries::motions(const StereoResult& result,
+                                                const std::vector<double>& gamma) const {
   std::vector<CameraMotion> motions;
   for (Index c = 0; c < std::ssize(series_); ++c) {
     const CorrelationResult& r = result.pictures[c].correlation;
     motions.push_back({r.displacement, series_[c]->precision(r.element_valid, gamma[c], r.gain).matrix,
                        measured_nodes(surface_.meshes[c], r.element_valid)});
   }
-  return surface_motion(options_.cameras, surface_.points, motions);
+  return motions;
 }
 
 Eigen::SparseMatrix<double> StereoSeries::precision(const StereoResult& result,
                                                     const std::vector<double>& gamma) const {
-  return motion(result, gamma).precision;
+  return surface_motion(options_.cameras, surface_.points, motions(result, gamma)).precision;
 }
 
 std::vector<std::string> StereoSeries::remarks() const {

@@ -74,6 +74,17 @@ TEST(StereoSeries, MeasuresSetsMarksBadOnesAndWritesThemInMetres) {
   }
   EXPECT_EQ(file.read("/noise/precision/indptr").size(), 3 * n + 1);
   EXPECT_FALSE(file.has("/noise/precision_steps"));
+
+  // A series of the same pictures goes on behind the last, with the same results.
+  StereoSeries again(test.options);
+  const std::vector<StereoResult> resumed = resume_from(test.folder.file("u.h5"), again);
+  EXPECT_TRUE(again.done());
+  ASSERT_EQ(resumed.size(), 4U);
+  for (Index t = 0; t < 4; ++t) {
+    EXPECT_EQ(resumed[t].message, results[t].message);
+    EXPECT_EQ(resumed[t].motion.displacement, results[t].motion.displacement);
+    EXPECT_EQ(resumed[t].motion.std, results[t].motion.std);
+  }
   write_stereo_vtu(test.folder.file("u.vtu"), series, results[0]);
 
   // An element that one camera lost is another precision than the same element lost by the other.
@@ -81,6 +92,56 @@ TEST(StereoSeries, MeasuresSetsMarksBadOnesAndWritesThemInMetres) {
   results[3].pictures[1].correlation.element_valid[0] = 0;
   write_stereo_displacements(test.folder.file("v.h5"), series, results, "");
   EXPECT_TRUE(files::Hdf5Reader(test.folder.file("v.h5")).has("/noise/precision_steps/3"));
+}
+
+TEST(StereoSeries, AnErrorOfTheCalibrationIsSharedByAllSets) {
+  DrawnTest test;
+  for (Index c = 0; c < 2; ++c)
+    test.options.series[c].pictures = {test.draw(c, "a", {1e-5, 0, 3e-3}), test.folder.file("gone.tif"),
+                                       test.draw(c, "b", {-2e-5, 2e-5, -4e-3})};
+  const auto measured = [&] {
+    StereoSeries series(test.options);
+    std::vector<StereoResult> results;
+    while (!series.done()) results.push_back(series.next());
+    write_stereo_displacements(test.folder.file("u.h5"), series, results, "");
+    return results;
+  };
+  test.options.calibration = {{"camera0.fx", "camera1.wy"},
+                              Eigen::MatrixXd::Zero(2 * k_camera_parameters, 2)};
+  test.options.calibration.factor(0, 0) = 4,
+                                     test.options.calibration.factor(k_camera_parameters + 14, 1) = 1e-5;
+  const std::vector<StereoResult> found = measured();
+  const files::Hdf5Reader file(test.folder.file("u.h5"));
+  const Index n = found[0].calibration.rows();
+  EXPECT_EQ(file.texts_attribute("/noise/shared_errors", "names"), test.options.calibration.names);
+  const auto effects = file.read("/noise/shared_errors", {3, std::size_t(n), 2});
+  const auto std = file.read("/displacement_std", true);
+  for (const Index t : {0, 2})
+    for (Index i = 0; i < n; ++i) {
+      for (Index k = 0; k < 2; ++k) EXPECT_EQ(effects[(t * n + i) * 2 + k], found[t].calibration(i, k));
+      EXPECT_NEAR(std[t * n + i],
+                  std::hypot(found[t].motion.std[i], found[t].calibration(i, 0), found[t].calibration(i, 1)),
+                  1e-15);
+    }
+  for (Index i = 0; i < 2 * n; ++i) EXPECT_EQ(effects[2 * n + i], 0);
+
+  // What cameras measure that are off by one standard deviation, to either side.
+  const auto cameras = test.options.cameras;
+  for (Index k = 0; k < 2; ++k) {
+    std::vector<StereoResult> moved[2];
+    for (const int side : {0, 1}) {
+      test.options.cameras = cameras;
+      test.options.cameras[k] = cameras[k].changed(
+          (1 - 2 * side) * test.options.calibration.factor.col(k).segment<k_camera_parameters>(19 * k));
+      moved[side] = measured();
+    }
+    for (const Index t : {0, 2}) {
+      const Eigen::VectorXd difference =
+          0.5 * (moved[0][t].motion.displacement - moved[1][t].motion.displacement);
+      EXPECT_GT(difference.norm(), 1e-7);
+      EXPECT_LT((difference - found[t].calibration.col(k)).norm(), 0.05 * difference.norm()) << k << " " << t;
+    }
+  }
 }
 
 TEST(StereoSeries, MeasuresElementsThatLieWhollyInTheMask) {

@@ -10,11 +10,13 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/testing/long_form.hpp"
+#include "knothe/files/atomic_file.hpp"
 #include "knothe/files/testing/recorded_data.hpp"
 #include "knothe/files/testing/test_folder.hpp"
 #include "knothe/imaging/correlation/correlation_noise.hpp"
 #include "knothe/imaging/stereo/calibration_error.hpp"
 #include "knothe/imaging/stereo/drawn_view.hpp"
+#include "knothe/imaging/stereo/stereo_pose.hpp"
 
 namespace knothe::imaging {
 namespace {
@@ -196,6 +198,44 @@ Eigen::VectorXd calibration_std() {
   return one.replicate<2, 1>();
 }
 
+TEST(CalibrationError, IsReadAsDeviationsOrAsACovariance) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("std.csv");
+  const auto read = [&](const std::string& text) {
+    files::write_text_atomically(path, text);
+    return read_calibration_error(path, 2, 1e-3);
+  };
+  const CalibrationError error = read("parameter,std\ncamera0.fx,4\ncamera1.tz,0.2\ncamera1.k1,0.5\n");
+  EXPECT_EQ(error.names, (std::vector<std::string>{"camera0.fx", "camera1.tz", "camera1.k1"}));
+  Eigen::MatrixXd wanted = Eigen::MatrixXd::Zero(2 * k_camera_parameters, 3);
+  wanted(0, 0) = 4, wanted(2 * k_camera_parameters - 1, 1) = 0.2e-3, wanted(k_camera_parameters + 5, 2) = 0.5;
+  EXPECT_EQ(error.factor, wanted);
+
+  const CalibrationError both =
+      read("parameter,camera0.fx,camera0.tz\ncamera0.fx,16,0.6\ncamera0.tz,0.6,0.04\n");
+  EXPECT_EQ(both.names, (std::vector<std::string>{"calibration.1", "calibration.2"}));
+  const Eigen::MatrixXd covariance = both.factor * both.factor.transpose();
+  EXPECT_NEAR(covariance(0, 0), 16, 1e-12);
+  EXPECT_NEAR(covariance(0, 18), 0.6e-3, 1e-15);
+  EXPECT_NEAR(covariance(18, 18), 0.04e-6, 1e-18);
+  EXPECT_NEAR(covariance.sum(), 16 + 1.2e-3 + 0.04e-6, 1e-12);
+
+  for (const auto& [text, complaint] : std::vector<std::pair<std::string, std::string>>{
+           {"parameter,std\ncamera0.fx,4\ncamera2.fx,4\n",
+            "std.csv:3:1: error: column parameter: \"camera2.fx\" is no parameter of these 2 cameras (did "
+            "you mean"},
+           {"parameter,std\ncamera0.fx,4\ncamera0.fx,4\n", "camera0.fx is there twice"},
+           {"parameter,std\ncamera0.fx,0\n", "a standard deviation is positive: leave out what is exact"},
+           {"parameter,std\n", "it names no parameter"},
+           {"parameter,camera0.fx\ncamera0.fx,16\ncamera0.fy,16\n", "column camera0.fy is missing"},
+           {"parameter,camera0.fx,camera0.fy\ncamera0.fx,1,2\ncamera0.fy,2,1\n", "this is no covariance"},
+           {"parameter,camera0.fx,camera0.fy\ncamera0.fx,1,0.5\ncamera0.fy,0,1\n",
+            "this is no covariance"}}) {
+    const std::string message = files::message_of<DataError>([&, &text = text] { (void)read(text); });
+    EXPECT_NE(message.find(complaint), std::string::npos) << message;
+  }
+}
+
 TEST(CalibrationError, TheSensitivityIsThatOfMeasuringWithOtherCameras) {
   Scene scene;
   scene.curvature = 0.01;
@@ -295,6 +335,62 @@ TEST(StereoSurface, StrainsAreThoseOfTheMotionAndNoneOfATurn) {
     EXPECT_NEAR(strain(1, k), 0, 1e-14);
   }
   EXPECT_EQ(strain.col(2).norm(), 0);  // its only element has a node that is not measured
+}
+
+TEST(StereoPose, IsThatOfTheFaceAndItsErrorTurnsTheBody) {
+  StereoOptions options;
+  options.cameras = two_cameras(200, 170);
+  const auto cameras = options.cameras;
+  // The face is the plane z = 2 mm of the model, whose z is towards the cameras.
+  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+  pose.linear() = Eigen::AngleAxisd(0.1, Eigen::Vector3d(1, 2, -1).normalized()) *
+                  Eigen::Vector3d(1, -1, -1).asDiagonal();
+  pose.translation() << 0.3, -0.2, 3;
+  const Eigen::Vector3d outward(0, 0, 1);
+  SurfacePoints surface(3, 20), points(3, 4);
+  for (int a = 0; a < 20; ++a) surface.col(a) = pose * Eigen::Vector3d(a % 5 - 2.0, a / 5 - 1.5, 2);
+  points << -9, 9, 9, -9, -7, -7, 7, 7, 2, 2, 2, 2;  // beside the measured part
+  Eigen::Matrix2Xd pixels(2, 4);
+  for (int k = 0; k < 4; ++k) pixels.col(k) = cameras[0].project(pose * points.col(k)).pixel;
+  const StereoPose found = fit_stereo_pose(cameras[0], surface, pixels, points, outward, 0.5);
+  EXPECT_LT((found.pose.matrix() - pose.matrix()).norm(), 1e-8);
+  EXPECT_LT(found.misfit + found.flatness, 1e-8);
+  // 0.5 px of 0.1 mm, over the root of the sum of squares of the points' distances from their middle.
+  EXPECT_NEAR(found.turn_std, 0.05 / std::sqrt(4 * (81 + 49.0)), 0.02 * found.turn_std);
+
+  // An error of the calibration stays what it was.
+  options.calibration = {{"camera1"}, Eigen::MatrixXd::Zero(2 * k_camera_parameters, 1)};
+  auto error = options.calibration.factor.col(0).tail<k_camera_parameters>();
+  error << 4, 4, 0.05, 0.05, 0.1, 0.5, 20, 0, 0, 0, 0, 1e-4, 1e-4, 1e-4, -2e-4, 1e-4, 0.005, 0.005, 0.2;
+  const Camera off = cameras[1].changed(error);
+  use_pose(found, options);
+  const Eigen::Vector3d x(3, 4, 2);
+  const Camera still_off =
+      options.cameras[1].changed(options.calibration.factor.col(0).tail<k_camera_parameters>());
+  EXPECT_LT((still_off.project(x).pixel - off.project(pose * x).pixel).norm(), 1e-4);
+  EXPECT_GT((still_off.project(x).pixel - options.cameras[1].project(x).pixel).norm(), 0.1);
+
+  const Eigen::Matrix3d turn = Eigen::AngleAxisd(found.turn_std, outward).matrix();
+  const Eigen::Vector3d turned = turn * (x - found.middle) + found.middle;
+  ASSERT_EQ(options.calibration.names, (std::vector<std::string>{"camera1", "registration.turn"}));
+  for (Index c = 0; c < 2; ++c) {
+    EXPECT_LT((options.cameras[c].project(x).pixel - cameras[c].project(pose * x).pixel).norm(), 1e-6);
+    const Camera changed = options.cameras[c].changed(
+        options.calibration.factor.col(1).segment<k_camera_parameters>(k_camera_parameters * c));
+    EXPECT_LT((changed.project(x).pixel - options.cameras[c].project(turned).pixel).norm(), 1e-4);
+  }
+  EXPECT_GT((options.cameras[0].project(x).pixel - options.cameras[0].project(turned).pixel).norm(), 0.05);
+
+  points.col(0).x() -= 1;
+  EXPECT_NE(files::message_of<DataError>([&] {
+              (void)fit_stereo_pose(cameras[0], surface, pixels, points, outward, 0.5);
+            }).find("mm from where the cameras see it"),
+            std::string::npos);
+  points.colwise() = points.col(1).eval();
+  EXPECT_NE(files::message_of<UsageError>([&] {
+              (void)fit_stereo_pose(cameras[0], surface, pixels, points, outward, 0.5);
+            }).find("the points lie in one place"),
+            std::string::npos);
 }
 
 TEST(StereoSurface, AWrongCalibrationIsRefused) {

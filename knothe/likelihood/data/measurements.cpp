@@ -79,6 +79,30 @@ NoiseModel with_scale_error(const Hdf5Reader& file, const std::string& name, con
   return noise.with_scale_error(std);
 }
 
+/// noise/shared_errors: what errors that all data have together do to the values, by their standard
+/// deviations.
+NoiseModel with_shared_errors(const Hdf5Reader& file, const NoiseModel& noise, std::size_t n_obs,
+                              std::size_t n_t) {
+  const std::string name = "/noise/shared_errors";
+  if (!file.has(name)) return noise;
+  const Shape shape = file.shape(name);
+  if (shape.size() != 3 || shape[0] != n_t || shape[1] != n_obs)
+    throw DataError(fmt::format("noise/shared_errors must have the shape [{}, {}, q], q the number of errors",
+                                n_t, n_obs));
+  std::vector<double> effects = file.read(name);
+  in_si(file, name, "m", effects);
+  LastingErrors lasting;
+  if (file.has_attribute(name, "names"))
+    for (const std::string& error : file.texts_attribute(name, "names")) lasting.errors.push_back({error, 1});
+  if (lasting.errors.size() != shape[2])
+    throw DataError(fmt::format("the attribute names of noise/shared_errors must have {} texts", shape[2]));
+  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  for (std::size_t t = 0; t < n_t; ++t)
+    lasting.factors.push_back(
+        Eigen::Map<const RowMajor>(effects.data() + t * n_obs * shape[2], n_obs, shape[2]));
+  return shape[2] == 0 ? noise : noise.with_lasting_errors(std::move(lasting));
+}
+
 /// noise/precision_steps/I, pictures with a noise of their own.
 NoiseModel with_steps(const Hdf5Reader& file, NoiseModel noise, std::size_t n_obs, std::size_t n_t) {
   if (!file.has("/noise/precision_steps")) return noise;
@@ -116,14 +140,13 @@ NoiseModel read_noise(const Hdf5Reader& file, std::size_t n_obs, std::size_t n_t
     if (file.has("/noise/std")) {
       std::vector<double> std = file.read("/noise/std", Shape{n_obs});
       in_si(file, "/noise/std", "m", std);
-      return with_shared_reference(
-          file, "/noise/std", NoiseModel::independent(Eigen::Map<const Eigen::VectorXd>(std.data(), n_obs)));
+      const NoiseModel noise = NoiseModel::independent(Eigen::Map<const Eigen::VectorXd>(std.data(), n_obs));
+      return with_shared_errors(file, with_shared_reference(file, "/noise/std", noise), n_obs, n_t);
     }
     if (file.has("/noise/precision")) {
-      const NoiseModel noise = NoiseModel::correlated(read_matrix(file, "/noise/precision", n_obs));
-      return with_scale_error(
-          file, "/noise/precision",
-          with_shared_reference(file, "/noise/precision", with_steps(file, noise, n_obs, n_t)));
+      NoiseModel noise = NoiseModel::correlated(read_matrix(file, "/noise/precision", n_obs));
+      noise = with_shared_reference(file, "/noise/precision", with_steps(file, noise, n_obs, n_t));
+      return with_shared_errors(file, with_scale_error(file, "/noise/precision", noise), n_obs, n_t);
     }
   } catch (const DataError& error) {
     const std::string text = error.what();

@@ -56,7 +56,7 @@ struct Measurements {
 [[nodiscard]] Measurements read_measurements(const std::string& path);
 
 /// Writes (atomically) `.csv` as CSV, anything else as HDF5, which alone holds `project` (the text of the
-/// project file), `seed` and the truth. Not the noise of single steps.
+/// project file), `seed` and the truth. Not the noise of single steps, nor errors that all share.
 void write_measurements(const std::string& path, const Measurements& measurements, const std::string& project,
                         std::uint64_t seed);
 

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <fstream>
+#include <functional>
 #include <limits>
 
 #include "knothe/base/error.hpp"
@@ -18,7 +19,8 @@ namespace {
 using files::message_of;
 
 /// Two steps of three dofs with the precision [[2 −1 0][−1 2 −1][0 −1 2]].
-void write(const std::string& path, double shared_reference, const std::string& step = "") {
+void write(const std::string& path, double shared_reference, const std::string& step = "",
+           const std::function<void(files::Hdf5Writer&)>& more = {}) {
   files::Hdf5Writer file(path);
   const std::vector<double> values = {0, 1, 2, 3, 4, 5}, points(9, 0.0), time = {0.5, 1};
   const std::vector<std::int64_t> components = {0, 1, 2}, indices = {0, 1, 0, 1, 2, 1, 2},
@@ -39,6 +41,7 @@ void write(const std::string& path, double shared_reference, const std::string& 
     file.write_integers(group + "/indptr", rows, {4}, {"1", ""});
   }
   if (shared_reference != 0) file.number_attribute("/noise/precision", "shared_reference", shared_reference);
+  if (more) more(file);
   file.close();
 }
 
@@ -52,6 +55,46 @@ TEST(Measurements, PrecisionOfStepsAndSharedReferenceAreRead) {
   ASSERT_TRUE(has_own_noise(m.noise, 1));
   EXPECT_EQ(m.noise.measurement().precision().coeff(1, 2), -1);
   EXPECT_EQ(m.noise.at_step(1).precision().coeff(1, 1), 6);
+}
+
+/// The same with two errors that all data share; entry k is k µm.
+void write_with_shared_errors(const std::string& path, const std::vector<std::string>& names,
+                              std::size_t rows = 3) {
+  write(path, 2, "", [&](files::Hdf5Writer& file) {
+    std::vector<double> effects(2 * rows * 2);
+    for (std::size_t k = 0; k < effects.size(); ++k) effects[k] = 1e-3 * k;
+    file.write("/noise/shared_errors", effects, {2, rows, 2}, {"mm", ""});
+    file.texts_attribute("/noise/shared_errors", "names", names);
+  });
+}
+
+TEST(Measurements, ErrorsThatAllDataShareAreRead) {
+  const files::TestFolder folder;
+  const std::string path = folder.file("d.h5");
+  write_with_shared_errors(path, {"camera0.fx", "camera1.tz"});
+  const NoiseModel noise = read_measurements(path).noise;
+  EXPECT_EQ(noise.shared_reference(), 2);
+  ASSERT_EQ(lasting_count(noise), 2);
+  EXPECT_EQ(noise.lasting().errors[1].name, "camera1.tz");
+  EXPECT_EQ(noise.lasting().errors[1].std, 1);
+  // Of the second time, third dof, second error: entry 11, in m.
+  EXPECT_NEAR(noise.lasting().factors[1](2, 1), 11e-6, 1e-18);
+  EXPECT_NEAR(noise.lasting().factors[0](1, 0), 2e-6, 1e-18);
+  // A load cell behind the dofs has no part in them.
+  const NoiseModel wider = noise.with_scalars(Eigen::VectorXd::Constant(1, 2.0));
+  ASSERT_EQ(wider.lasting().factors[1].rows(), 4);
+  EXPECT_EQ(wider.lasting().factors[1].row(3).norm(), 0);
+  EXPECT_EQ(wider.lasting().factors[1].topRows(3), noise.lasting().factors[1]);
+
+  for (const auto& [rows, names, complaint] :
+       {std::tuple(2, std::vector<std::string>{"a", "b"},
+                   "noise/shared_errors must have the shape [2, 3, q]"),
+        std::tuple(3, std::vector<std::string>{"a"},
+                   "the attribute names of noise/shared_errors must have 2 texts")}) {
+    write_with_shared_errors(path, names, rows);
+    const std::string message = message_of<DataError>([&] { (void)read_measurements(path); });
+    EXPECT_NE(message.find("d.h5: " + std::string(complaint)), std::string::npos) << message;
+  }
 }
 
 TEST(Measurements, WhatIsWrittenIsRead) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "knothe/base/error.hpp"
 #include "knothe/base/index.hpp"
 #include "knothe/likelihood/data/time_matching.hpp"
 
@@ -58,6 +59,11 @@ MeasuredSeries interpolate_series(const MeasuredSeries& series, std::span<const 
 
 Measurements at_times(Measurements measured, std::span<const double> to) {
   constexpr double k_nan = std::numeric_limits<double>::quiet_NaN();
+  if (lasting_count(measured.noise) > 0)
+    throw DataError(
+        "noise/shared_errors is known at the times of the file alone: `knothe assimilate` takes it, data "
+        "that "
+        "come one by one have none");
   for (auto& [name, series] : measured.series) series = interpolate_series(series, measured.time, to);
   Eigen::MatrixXd values = Eigen::MatrixXd::Constant(measured.values.rows(), std::ssize(to), k_nan);
   for (std::size_t t = 0; t < measured.time.size(); ++t)

@@ -15,7 +15,8 @@ namespace knothe::likelihood {
                                                 std::span<const double> to, double window = 0);
 
 /// `measured` at the times `to`: displacements where the times agree (to 1e-6 of a step), missing at others;
-/// series as by `interpolate_series`.
+/// series as by `interpolate_series`. Errors: DataError for an error of all data whose effect is known at
+/// their own times alone.
 [[nodiscard]] Measurements at_times(Measurements measured, std::span<const double> to);
 
 }  // namespace knothe::likelihood

@@ -57,6 +57,10 @@ NoiseModel NoiseModel::with_scalars(const Eigen::VectorXd& std) const {
   result.scalar_count_ += std.size();
   for (auto& [step, noise] : result.steps_)
     noise = std::make_shared<const GaussianNoise>(noise->with_independent(std));
+  LastingErrors lasting = *lasting_;
+  for (Eigen::MatrixXd& factor : lasting.factors)
+    factor.conservativeResizeLike(Eigen::MatrixXd::Zero(result.size(), factor.cols()));
+  result.lasting_ = std::make_shared<const LastingErrors>(std::move(lasting));
   return result;
 }
 

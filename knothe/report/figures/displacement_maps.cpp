@@ -9,6 +9,7 @@
 #include <numbers>
 
 #include "knothe/imaging/crack/strain.hpp"
+#include "knothe/numerics/linear/symmetric_eigen.hpp"
 #include "knothe/report/figures/canvas.hpp"
 #include "knothe/report/figures/colour_map.hpp"
 
@@ -288,6 +289,24 @@ std::array<int, 2> corner_of(const View& view, int column, int row) {
           k_gap + k_head + row * (view.height + k_title + 3 * k_gap)};
 }
 
+/// Four maps over the reference, with what is to be said above and below them.
+void write_four(const std::string& path, const imaging::ImageCorrelation& correlation,
+                const std::vector<char>& valid, std::vector<Map> maps, const std::string& head,
+                const imaging::PictureResult& result, const std::optional<imaging::PictureFrame>& frame) {
+  const View view = view_of(correlation);
+  Canvas canvas = canvas_for(view, 2, 2);
+  canvas.text(k_gap, k_gap, head, k_ink);
+  for (int m = 0; m < 4; ++m) {
+    set_range(maps[m]);
+    const auto [left, top] = corner_of(view, m % 2, m / 2);
+    draw_map(canvas, left, top, view, correlation, valid, maps[m], frame);
+    if (result.crack && result.crack->found) draw_crack(canvas, left, top, view, *result.crack);
+  }
+  int line = canvas.height() - k_foot;
+  for (const std::string& text : foot_of(result, frame)) canvas.text(k_gap, line, text, k_ink), line += 20;
+  canvas.write(path + ".png");
+}
+
 }  // namespace
 
 void write_displacement_maps(const std::string& path, const imaging::PictureSeries& series,
@@ -311,18 +330,34 @@ void write_displacement_maps(const std::string& path, const imaging::PictureSeri
   maps.push_back({"largest principal strain, mm/m", over_pixels(correlation, valid, [&](int a) {
                     return 1e3 * largest_principal(strain, a);
                   })});
-  const View view = view_of(correlation);
-  Canvas canvas = canvas_for(view, 2, 2);
-  canvas.text(k_gap, k_gap, head_of(series, result, noise_std, frame), k_ink);
-  for (int m = 0; m < 4; ++m) {
-    set_range(maps[m]);
-    const auto [left, top] = corner_of(view, m % 2, m / 2);
-    draw_map(canvas, left, top, view, correlation, valid, maps[m], frame);
-    if (result.crack && result.crack->found) draw_crack(canvas, left, top, view, *result.crack);
-  }
-  int line = canvas.height() - k_foot;
-  for (const std::string& text : foot_of(result, frame)) canvas.text(k_gap, line, text, k_ink), line += 20;
-  canvas.write(path + ".png");
+  write_four(path, correlation, valid, std::move(maps), head_of(series, result, noise_std, frame), result,
+             frame);
+}
+
+void write_surface_maps(const std::string& path, const imaging::StereoSeries& series,
+                        const imaging::StereoResult& result) {
+  const imaging::ImageCorrelation& correlation = series.camera(0).correlation();
+  const std::vector<char> valid = series.valid_elements(result);
+  const Eigen::MatrixXd strain =
+      imaging::surface_strains(series.surface().points, result.motion, correlation.mesh().elements);
+  std::vector<Map> maps;
+  for (int k = 0; k < 3; ++k)
+    maps.push_back({fmt::format("displacement {}, um", "xyz"[k]), over_pixels(correlation, valid, [&](int a) {
+                      return 1e6 * result.motion.displacement[3 * a + k];
+                    })});
+  maps.push_back({"largest principal strain, mm/m", over_pixels(correlation, valid, [&](int a) {
+                    const auto e = strain.col(a);
+                    Eigen::Matrix3d tensor;
+                    tensor << e[0], e[3], e[5], e[3], e[1], e[4], e[5], e[4], e[2];
+                    return 1e3 * numerics::SymmetricEigen(tensor).eigenvalues()[2];
+                  })});
+  const imaging::PictureResult& first = result.pictures.front();
+  const double measured = std::count(result.motion.measured.begin(), result.motion.measured.end(), 1);
+  write_four(path, correlation, valid, std::move(maps),
+             fmt::format("{}: std of a displacement {:.2f} um, cameras contradict each other by {:.3f} px",
+                         first.picture.substr(first.picture.find_last_of('/') + 1),
+                         1e6 * result.std().sum() / (3 * measured), result.motion.epipolar_rms),
+             first, std::nullopt);
 }
 
 void write_deviation_maps(const std::string& path, const imaging::PictureSeries& series,

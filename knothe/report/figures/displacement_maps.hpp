@@ -5,6 +5,7 @@
 
 #include "knothe/imaging/mesh/registration.hpp"
 #include "knothe/imaging/series/picture_series.hpp"
+#include "knothe/imaging/stereo/stereo_series.hpp"
 
 namespace knothe::report {
 
@@ -17,6 +18,11 @@ namespace knothe::report {
 void write_displacement_maps(const std::string& path, const imaging::PictureSeries& series,
                              const imaging::PictureResult& result, double noise_std,
                              const std::optional<imaging::PictureFrame>& frame);
+
+/// The same of several cameras, over the reference picture of the first: displacement along x, y and z (µm),
+/// and largest principal strain in the surface.
+void write_surface_maps(const std::string& path, const imaging::StereoSeries& series,
+                        const imaging::StereoResult& result);
 
 /// Writes PATH.png: the standard deviations (px, with a frame µm) of displacements to the right and down over
 /// the reference picture, as predicted for its pattern. `std`: one per displacement, 0 where nothing can be

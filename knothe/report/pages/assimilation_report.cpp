@@ -89,7 +89,7 @@ void add_parameters(Page& page, const record::Results& results) {
     else if (error.name.ends_with("time_drift"))
       page.note(fmt::format("The clock of the {} runs faster by a share of {}.", whose, value));
     else
-      page.note(fmt::format("The error that all values of {} share is {} of its standard deviations.",
+      page.note(fmt::format("The error of {} that all data share is {} of its standard deviations.",
                             error.name, value));
   }
 }

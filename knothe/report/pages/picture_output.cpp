@@ -31,20 +31,6 @@ namespace {
 namespace fs = std::filesystem;
 using imaging::PictureResult;
 
-/// A file name for a picture's results: its own, without folder and ending; made different where two are
-/// alike.
-std::vector<std::string> stems_of(const std::vector<std::string>& pictures) {
-  std::vector<std::string> stems;
-  for (const std::string& picture : pictures) {
-    std::string stem = fs::path(picture).stem().string();
-    if (const auto page = picture.rfind('#'); page != std::string::npos && !fs::exists(picture))
-      stem += "_" + picture.substr(page + 1);
-    if (std::find(stems.begin(), stems.end(), stem) != stems.end()) stem += fmt::format("_{}", stems.size());
-    stems.push_back(stem);
-  }
-  return stems;
-}
-
 /// Writes what was asked for, picture by picture.
 class PictureOutput {
  public:
@@ -171,16 +157,31 @@ void show_remarks(const imaging::PictureSeries& series, std::size_t& shown) {
 
 }  // namespace
 
-PictureTask picture_task(const std::string& project_file) {
-  project::Project project = project::read_project(project_file);
+std::vector<std::string> stems_of(const std::vector<std::string>& pictures) {
+  std::vector<std::string> stems;
+  for (const std::string& picture : pictures) {
+    std::string stem = fs::path(picture).stem().string();
+    if (const auto page = picture.rfind('#'); page != std::string::npos && !fs::exists(picture))
+      stem += "_" + picture.substr(page + 1);
+    if (std::find(stems.begin(), stems.end(), stem) != stems.end()) stem += fmt::format("_{}", stems.size());
+    stems.push_back(stem);
+  }
+  return stems;
+}
+
+PictureTask picture_task(project::Project project) {
   std::optional<model::Mesh> mesh;
-  if (!project.model.empty() && (project.pictures.model_mesh || project::needs_model_outline(project)))
+  const bool by_points = !project.pictures.cameras.empty() && !project.pictures.pixels.empty();
+  if (!project.model.empty() &&
+      (project.pictures.model_mesh || by_points || project::needs_model_outline(project)))
     mesh = model::SeparatedModel::load(project.model).contents().mesh;
   PictureTask task;
   task.project_text = project.text;
   if (const project::PictureOptions& p = project.pictures; !p.cameras.empty()) {
-    task.cameras = imaging::StereoOptions{cameras_in_metres(p.cameras, p.camera_unit),
-                                          project::camera_series_options(project)};
+    task.cameras = imaging::cameras_in_metres(p.cameras, p.camera_unit, p.calibration_std);
+    task.cameras->series = project::camera_series_options(project);
+    const std::string registered = project::register_cameras(project, mesh, *task.cameras);
+    if (!registered.empty()) fmt::print(stderr, "{}\n", registered);
     task.series = task.cameras->series.front();
     return task;
   }
@@ -191,7 +192,7 @@ PictureTask picture_task(const std::string& project_file) {
 }
 
 int measure_pictures(const PictureTask& task, const PictureFiles& files, const files::CommandOutput& output) {
-  if (task.cameras) return measure_cameras(*task.cameras, task.project_text, files, output);
+  if (task.cameras) return measure_cameras(*task.cameras, task.project_text, files, &output);
   show_registration(task, files);
   PictureOutput written(task, files);
   imaging::PictureSeries series(task.series);

@@ -10,6 +10,7 @@
 #include "knothe/imaging/mesh/registration.hpp"
 #include "knothe/imaging/series/picture_series.hpp"
 #include "knothe/imaging/stereo/stereo_series.hpp"
+#include "knothe/project/project_file.hpp"
 
 namespace knothe::report {
 
@@ -22,8 +23,8 @@ struct PictureTask {
   std::string project_text;
 };
 
-/// The task of a project file, with the model's mesh where it needs one.
-[[nodiscard]] PictureTask picture_task(const std::string& project_file);
+/// The task of a project, with the model's mesh where it needs one.
+[[nodiscard]] PictureTask picture_task(project::Project project);
 
 /// Files to write; empty: none.
 struct PictureFiles {
@@ -40,6 +41,10 @@ struct PictureFiles {
 /// Errors: UsageError for files that do not go together, Interrupted with what is kept, IoError.
 [[nodiscard]] int measure_pictures(const PictureTask& task, const PictureFiles& files,
                                    const files::CommandOutput& output);
+
+/// A file name for the results of each picture: its own, without folder and ending; made different where two
+/// are alike.
+[[nodiscard]] std::vector<std::string> stems_of(const std::vector<std::string>& pictures);
 
 /// A long series must not be lost with the machine's power: its file is written so often.
 inline constexpr std::chrono::seconds k_save_every{30};
