@@ -193,7 +193,7 @@ function signalOf(recording, known, sensor, step) {
     return residual === null ? [] : [[line.time, -4e-4 * line.time + residual * noise]];
   });
   return {
-    name: `y${sensor}`,
+    name: `${"xyz"[recording.sensors[sensor].component]}${sensor}`,
     units: "m",
     step,
     time,

@@ -3,7 +3,15 @@ import type { ChartSpec, Series } from "./chart";
 import type { Theme } from "./colour";
 import { axisLabel, probability, scaleFor, significant, withSpread, type Scale } from "./format";
 import { bandsOf, medianPeriod, type Row } from "./history";
-import { modelShift, parameterNames, parameterScale, quantityWords, thresholdMarks, timeLabel } from "./specs";
+import {
+  inTimeUnits,
+  modelShift,
+  parameterNames,
+  parameterScale,
+  quantityWords,
+  thresholdMarks,
+  timeLabel,
+} from "./specs";
 import type { Model, QuantityDescription, StepLine } from "./types";
 
 /** A test, as it is compared: `label` stands in the legend. */
@@ -236,5 +244,5 @@ export function comparisonSpecs(
       parameterComparison(sides, k, name, parameterScale(model?.parameters[k]), theme),
     ),
     ...quantities.map((q) => forecastComparison(sides, q, theme)),
-  ];
+  ].map((spec) => inTimeUnits(spec, model?.time?.units));
 }

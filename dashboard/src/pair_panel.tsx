@@ -2,10 +2,11 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { through, type Theme } from "./colour";
 import { csv } from "./csv";
-import { axisLabel, given, significant } from "./format";
+import { axisLabel, given, significant, type Scale } from "./format";
 import { axisOf, correlation, ellipse, isNarrow, smoothDensity, ticks, type Interval } from "./pair";
 import { Panel } from "./panel";
 import { composePng } from "./png";
+import { parameterScale } from "./specs";
 import { Legend, type LegendEntry } from "./chart";
 import type { Detail } from "./store";
 import type { Model, SamplesAnswer, StepLine } from "./types";
@@ -30,6 +31,7 @@ export function PairPanel({ model, line, lines, names, samples, theme }: Props) 
   const count = Math.min(most, names.length);
   const isWhole = whole ?? !(line && isNarrow(line, model?.parameters ?? []));
   const points = samples.value?.points ?? [];
+  const scales = names.map((_, k) => parameterScale(model?.parameters[k]));
   useEffect(() => {
     const observer = new ResizeObserver(() => setWidth(canvas.current!.parentElement!.clientWidth));
     observer.observe(canvas.current!.parentElement!);
@@ -43,7 +45,8 @@ export function PairPanel({ model, line, lines, names, samples, theme }: Props) 
     target.height = Math.round(height * ratio);
     const ctx = target.getContext("2d")!;
     ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
-    if (line) drawPairs(ctx, { width, height, count, line, lines, names, points, model, theme, whole: isWhole });
+    if (line)
+      drawPairs(ctx, { width, height, count, line, lines, names, scales, points, model, theme, whole: isWhole });
   }, [width, height, count, line, samples.value, model, theme, isWhole]);
   const legend: LegendEntry[] = [
     {
@@ -64,7 +67,7 @@ export function PairPanel({ model, line, lines, names, samples, theme }: Props) 
       id="pairs"
       title={title}
       png={() => composePng({ title, legend, picture: canvas.current!, theme, ratio: devicePixelRatio })}
-      csv={() => csv([...names], points)}
+      csv={() => pairsTable(names, scales, points)}
       controls={
         <select
           aria-label="Range of the pair plot"
@@ -91,14 +94,26 @@ export interface PairPicture {
   line: StepLine;
   lines: readonly StepLine[];
   names: readonly string[];
-  /** Of the axes, by name; "–" where nothing else is known. */
-  units?: readonly string[];
+  /** From each parameter to its axis. */
+  scales: readonly Scale[];
   points: readonly number[][];
   /** Draws of something else, behind these. */
   others?: readonly number[][];
   model: Model | undefined;
   theme: Theme;
   whole: boolean;
+}
+
+/** The draws, in the units of the axes. */
+export function pairsTable(
+  names: readonly string[],
+  scales: readonly Scale[],
+  points: readonly (readonly number[])[],
+): string {
+  return csv(
+    names.map((name, k) => axisLabel(name, scales[k]!.units)),
+    points.map((point) => point.map((v, k) => v * scales[k]!.factor)),
+  );
 }
 
 /** Of a marginal density. */
@@ -113,10 +128,13 @@ interface Cell {
 }
 
 export function drawPairs(ctx: CanvasRenderingContext2D, p: PairPicture): void {
-  const [left, bottom, gap] = [58, 40, 10];
-  const w = (p.width - left - 10 - gap * (p.count - 1)) / p.count;
+  const [bottom, gap] = [40, 10];
   const h = (p.height - bottom - 8 - gap * (p.count - 1)) / p.count;
   const axes = Array.from({ length: p.count }, (_, k) => axisOf(k, p.line, p.model?.parameters[k], p.whole));
+  // The name stands before the longest number.
+  const longest = Math.max(...axes.slice(1).flatMap((_, k) => rowTicks(p, axes, k + 1, h).map((v) => given(v).length)));
+  const left = Math.max(58, 32 + 6.6 * longest);
+  const w = (p.width - left - 10 - gap * (p.count - 1)) / p.count;
   ctx.clearRect(0, 0, p.width, p.height);
   ctx.font = "12px system-ui, sans-serif";
   for (let row = 0; row < p.count; row += 1)
@@ -127,15 +145,8 @@ export function drawPairs(ctx: CanvasRenderingContext2D, p: PairPicture): void {
         frame(ctx, p, cell);
         if (column === row) marginal(ctx, p, cell, row);
         else scatter(ctx, p, cell, axes[row]!, column, row);
-        if (row === p.count - 1) horizontalAxis(ctx, p, cell, axisLabel(p.names[column]!, p.units?.[column] ?? "–"));
-        if (column === 0)
-          verticalAxis(
-            ctx,
-            p,
-            cell,
-            row === 0 ? undefined : axes[row]!,
-            row === 0 ? "density" : axisLabel(p.names[row]!, p.units?.[row] ?? "–"),
-          );
+        if (row === p.count - 1) horizontalAxis(ctx, p, cell, column);
+        if (column === 0) verticalAxis(ctx, p, cell, axes, row);
       }
     }
 }
@@ -259,31 +270,41 @@ function writeCorrelation(
   ctx.font = "12px system-ui, sans-serif";
 }
 
-function horizontalAxis(ctx: CanvasRenderingContext2D, { theme }: PairPicture, cell: Cell, name: string): void {
-  ctx.fillStyle = theme.faint;
+/** An axis as its numbers are written. */
+const shown = ({ low, high }: Interval, { factor }: Scale): Interval => ({ low: low * factor, high: high * factor });
+const labelOf = ({ names, scales }: PairPicture, k: number): string => axisLabel(names[k]!, scales[k]!.units);
+
+const rowTicks = ({ scales }: PairPicture, axes: readonly Interval[], k: number, height: number): number[] =>
+  ticks(shown(axes[k]!, scales[k]!), Math.max(2, height / 36));
+
+function horizontalAxis(ctx: CanvasRenderingContext2D, p: PairPicture, cell: Cell, k: number): void {
+  ctx.fillStyle = p.theme.faint;
   ctx.textAlign = "center";
-  for (const v of ticks(cell.horizontal, Math.max(2, cell.w / 42))) {
-    const x = cell.x + ((v - cell.horizontal.low) / (cell.horizontal.high - cell.horizontal.low)) * cell.w;
+  const { low, high } = shown(cell.horizontal, p.scales[k]!);
+  for (const v of ticks({ low, high }, Math.max(2, cell.w / 42))) {
+    const x = cell.x + ((v - low) / (high - low)) * cell.w;
     ctx.fillRect(x, cell.y + cell.h, 1, 4);
     // Not into the next cell's numbers.
     const half = 3.3 * given(v).length;
     const at = Math.max(cell.x + half - 4, Math.min(x, cell.x + cell.w - half + 4));
     ctx.fillText(given(v), at, cell.y + cell.h + 16);
   }
-  ctx.fillText(name, cell.x + cell.w / 2, cell.y + cell.h + 34);
+  ctx.fillText(labelOf(p, k), cell.x + cell.w / 2, cell.y + cell.h + 34);
 }
 
+/** Of the first row, which holds a density, the name alone. */
 function verticalAxis(
   ctx: CanvasRenderingContext2D,
-  { theme }: PairPicture,
+  p: PairPicture,
   cell: Cell,
-  axis: Interval | undefined,
-  name: string,
+  axes: readonly Interval[],
+  k: number,
 ): void {
-  ctx.fillStyle = theme.faint;
+  ctx.fillStyle = p.theme.faint;
   ctx.textAlign = "right";
-  for (const v of axis ? ticks(axis, Math.max(2, cell.h / 36)) : []) {
-    const y = cell.y + cell.h - ((v - axis!.low) / (axis!.high - axis!.low)) * cell.h;
+  const { low, high } = shown(axes[k]!, p.scales[k]!);
+  for (const v of k > 0 ? rowTicks(p, axes, k, cell.h) : []) {
+    const y = cell.y + cell.h - ((v - low) / (high - low)) * cell.h;
     ctx.fillRect(cell.x - 4, y, 4, 1);
     ctx.fillText(given(v), cell.x - 7, y + 4);
   }
@@ -291,6 +312,6 @@ function verticalAxis(
   ctx.translate(13, cell.y + cell.h / 2);
   ctx.rotate(-Math.PI / 2);
   ctx.textAlign = "center";
-  ctx.fillText(name, 0, 0);
+  ctx.fillText(k > 0 ? labelOf(p, k) : "density", 0, 0);
   ctx.restore();
 }

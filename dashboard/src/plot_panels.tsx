@@ -11,6 +11,7 @@ import {
   dataSpec,
   evidenceSpec,
   forecastSpec,
+  inTimeUnits,
   parameterNames,
   parameterSpec,
   probabilitySpec,
@@ -101,7 +102,9 @@ interface ChartsPanelProps {
   overTime?: boolean;
 }
 
-export function ChartsPanel({ id, title, note, specs, props, controls, overTime = true }: ChartsPanelProps) {
+export function ChartsPanel({ id, title, note, specs: plain, props, controls, overTime = true }: ChartsPanelProps) {
+  const units = props.model?.time?.units;
+  const specs = useMemo(() => plain.map((spec) => inTimeUnits(spec, units)), [plain, units]);
   const handles = useRef<ChartHandle[]>([]).current;
   const picture = async (): Promise<Blob> =>
     stackPng(

@@ -149,7 +149,8 @@ export function signalSpec(
         : []),
     ],
     xLabel: axis.label,
-    yLabel: axisLabel(words(s.name), up.units || "–"),
+    // "y3": a displacement without a name of its own.
+    yLabel: axisLabel(words(s.name).replace(/^([xyz])(\d+)$/, "u_$1 of sensor $2"), up.units || "–"),
     horizontal,
     vertical: [...now, ...vertical],
     height: 250,

@@ -7,6 +7,9 @@ import { quantitiesIn, timeLabel } from "./specs";
 import type { Detail } from "./store";
 import type { Model, SignalAnswer } from "./types";
 
+/** As high as the two plots beside it, px. */
+const panelHeight = 380;
+
 /** More displacements are not listed one by one. */
 const mostListed = 300;
 
@@ -39,7 +42,7 @@ export function SignalPanel({ signal, wanted, want, plots }: Props) {
   const choices = useMemo(() => signalsOf(model), [model]);
   const s = signal.value;
   const specs = useMemo(
-    () => (s ? [signalSpec(s, quantitiesIn(model, line), timeLabel, theme)] : []),
+    () => (s ? [{ ...signalSpec(s, quantitiesIn(model, line), timeLabel, theme), height: panelHeight }] : []),
     [s, model, theme],
   );
   if (choices.length === 0) return null;

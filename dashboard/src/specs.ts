@@ -23,6 +23,13 @@ import type { Decision, Forecast, Model, ParameterDescription, QuantityDescripti
 
 export const timeLabel = "model time t [–]";
 
+/** The same plot where the solver's time has a unit. */
+export function inTimeUnits(spec: ChartSpec, units: string | undefined): ChartSpec {
+  const label = prettyUnits(units) ? axisLabel("model time t", prettyUnits(units)) : timeLabel;
+  const said = (words: string): string => (words === timeLabel ? label : words);
+  return { ...spec, xLabel: said(spec.xLabel), yLabel: said(spec.yLabel) };
+}
+
 /** The step and the time of day at a model time, for the axis above a plot; nothing where the lines do not say when they came. */
 export function stepAndClock(lines: readonly StepLine[]): ((time: number) => string) | undefined {
   if (!lines.some((l) => l.received_at !== undefined)) return undefined;

@@ -120,7 +120,7 @@ export interface Model {
   scalars?: string[];
   /** The signal to show first, by index or name. */
   signal?: string;
-  time?: { label?: string; units?: string };
+  time?: { units?: string };
   period_s?: number;
   budget_us?: number;
   stale_after_s?: number;

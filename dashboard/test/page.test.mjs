@@ -585,7 +585,8 @@ test("a sensor's signal beside its prediction, over the loading; another is chos
   assert.match(header, /^imposed displacement \[mm\],/);
   assert.equal(rows.length, service.recording.steps);
   await page.locator("#signal select").selectOption("5");
-  await page.locator('#signal [aria-label^="y5 [µm] over imposed displacement"]').waitFor();
+  const name = `u_${"xyz"[service.recording.sensors[5].component]} of sensor 5`;
+  await page.locator(`#signal [aria-label^="${name} [µm] over imposed displacement"]`).waitFor();
 });
 
 test("the next specimen's test is begun, after a question, and the page begins anew", async (t) => {

@@ -243,9 +243,10 @@ test("edges of bands are the record's quantiles, and the legend says them", () =
     near(median!.values[i], l.quantiles.values[0]![1]!);
   });
   const band = legendOf(parameter, last, light).find((e) => e.look === "band")!;
-  const [from, to] = band.value!.split(" … ").map(Number);
-  near(from, whole.lines[last]!.quantiles.values[0]![0]!, 6e-3);
-  near(to, whole.lines[last]!.quantiles.values[0]![2]!, 6e-3);
+  const [from, to] = band.value!.split(" … ").map(parseFloat);
+  near(from, 216 * whole.lines[last]!.quantiles.values[0]![0]!, 1); // J/m³
+  near(to, 216 * whole.lines[last]!.quantiles.values[0]![2]!, 1);
+  assert.equal(parameter.yLabel, "Y₀ [J/m³]");
   const forecast = chart("forecast:crack");
   near(forecast.series[0]!.values[3]! * forecast.factor!, 14);
   near(forecast.series[1]!.values[3]! * forecast.factor!, 26);
@@ -323,16 +324,18 @@ test("densities are those of the step looked at, over the prior", () => {
   assert.equal(front.label, "step 9");
   const density = whole.lines[9]!.marginals!.Y0!;
   const at = spec.times.reduce(
-    (best, t, i) => (Math.abs(t - density.points[50]!) < Math.abs(spec.times[best]! - density.points[50]!) ? i : best),
+    (best, t, i) =>
+      Math.abs(t / 216 - density.points[50]!) < Math.abs(spec.times[best]! / 216 - density.points[50]!) ? i : best,
     0,
   );
-  near(front.values[at], density.density![50]!, 0.01);
+  near(216 * front.values[at]!, density.density![50]!, 0.01); // per J/m³
   assert.equal(spec.series[0]!.label, "prior");
   assert.deepEqual(
     spec.vertical!.map((m) => [m.at, m.label]),
-    [[1.05, "true value"]],
+    [[1.05 * 216, "true value"]],
   );
-  assert.equal(spec.xLabel, "Y₀ [1 = 216 J/m³]");
+  assert.equal(spec.xLabel, "Y₀ [J/m³]");
+  assert.equal(spec.yLabel, "probability density [1/(J/m³)]");
   // 100 per metre is 0.1 per millimetre.
   const crack = chart("forecast_density:crack");
   near(Math.max(...crack.series[crack.series.length - 1]!.values.map((v) => v ?? 0)), 0.1, 1e-6);
@@ -391,11 +394,11 @@ test("densities far narrower than the axis are drawn: an answer that jumps betwe
     };
   });
   const spec = chart("marginal:0", wrong);
-  const peak = 1 / (1e-7 * Math.sqrt(2 * Math.PI));
+  const peak = 1 / (216 * 1e-7 * Math.sqrt(2 * Math.PI));
   for (const s of spec.series.slice(1)) near(Math.max(...s.values.map((v) => v ?? 0)), peak, 1e-6);
   // Beside its points a density is 0, not a slope to the next point of the grid.
   const front = spec.series.at(-1)!;
-  const beside = spec.times.filter((_, i) => front.values[i]! > 0).map((t) => Math.abs(t - 1.5));
+  const beside = spec.times.filter((_, i) => front.values[i]! > 0).map((t) => Math.abs(t / 216 - 1.5));
   assert.ok(Math.max(...beside) < 5e-6);
   // And of one method beside another.
   const pair = chart("marginal:1", {
@@ -581,6 +584,16 @@ test("a table is in the units of the axes", () => {
   assert.ok(first!.startsWith("0,0,0,0"));
 });
 
+test("axes of time have the solver's unit where it states one", () => {
+  assert.equal(chart("parameter:0").xLabel, "model time t [–]");
+  const timed = { ...whole, time_units: "s" };
+  for (const figure of ["parameter:0", "forecast:crack", "residuals", "information", "timing"])
+    assert.equal(chart(figure, timed).xLabel, "model time t [s]", figure);
+  // What is over something else stays so.
+  assert.equal(chart("load", timed).xLabel, chart("load").xLabel);
+  assert.equal(chart("parameter:0", { ...whole, time_units: "1" }).xLabel, "model time t [–]");
+});
+
 test("an inference is drawn in the units that its model states", () => {
   const content = {
     ...inference.content,
@@ -593,8 +606,9 @@ test("an inference is drawn in the units that its model states", () => {
   near(Math.max(...spec.times), 8, 1e-9);
   const drawn = contentOf({ ...inference, content } as never, "pairs", light, 0, undefined)!;
   assert.ok("pairs" in drawn);
-  assert.deepEqual(drawn.pairs.units, ["GPa", ""]);
-  near(drawn.pairs.points[1]![0]!, 2.2, 1e-12);
+  const [header, , second] = contentTable(drawn).split("\r\n");
+  assert.equal(header, "a [GPa],b");
+  near(Number(second!.split(",")[0]), 2.2, 1e-12);
   assert.equal(
     chart("marginal:1", { ...inference, content } as never).xLabel,
     "b [unit of the project file]",

@@ -47,6 +47,10 @@ test("a force over the stroke: measured, predicted, forecast; threshold and hori
   );
 });
 
+test("a displacement without a name is called as in the list of signals", () => {
+  assert.equal(specOf({ name: "y3", units: "m" }).yLabel, "u_y of sensor 3 [km]");
+});
+
 test("a horizon in units of the loading, which a test that unloads does not have", () => {
   assert.deepEqual(loadingAt(force, 0.875), { value: 3.5e-4, units: "m" });
   assert.equal(loadingAt(force, 1.1), undefined);

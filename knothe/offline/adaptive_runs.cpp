@@ -113,6 +113,7 @@ class ObservedRuns {
     frame_ = shared ? *shared : first;
     frame_.axes = grid_.axes;
     frame_.time = first.time;
+    frame_.time_units = first.time_units;
     frame_.values.clear();
     frame_.outputs.clear();
     size_ = first.values.size();

@@ -253,6 +253,7 @@ model::GridSolutions fill(const project::Project& project, const SimilarRuns& si
     if (is_resampled) solutions[g] = model::resampled(solutions[g], options.time);
   });
   frame.time = solutions[0].time;
+  if (is_resampled) frame.time_units = solutions[0].time_units;
   frame.outputs = reduced_runs.outputs;
   std::vector<MatrixXd> coordinates;
   MatrixXd lift = MatrixXd::Zero(1 + reduced_runs.modes.cols(), std::ssize(frame.time));

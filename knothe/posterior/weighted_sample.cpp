@@ -34,9 +34,12 @@ void WeightedSample::state_evidence(double log_evidence_of_weights) {
   has_evidence = true;
 }
 
-void ImportanceResult::state_errors(const Eigen::MatrixXd& variables) {
+void ImportanceResult::state_errors(const Eigen::MatrixXd& variables, double tail) {
+  constexpr double k_finite_fourth_moment = 0.25, k_raised = 3;
   const MomentErrors errors = standard_errors(variables, sample.weights);
-  mean_error = 4 * errors.mean, deviation_error = 4 * errors.deviation;
+  tail_shape = tail;
+  mean_error = 4 * errors.mean;
+  deviation_error = 4 * errors.deviation * (1 + k_raised * std::max(0.0, tail - k_finite_fourth_moment));
   converged = mean_error <= k_mean_tolerance && deviation_error <= k_deviation_tolerance;
 }
 

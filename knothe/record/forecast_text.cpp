@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <utility>
 
 #include "knothe/record/number_text.hpp"
 
@@ -18,7 +17,13 @@ bool takes_prefix(const std::string& units) {
   return symbol == "Pa" || symbol == "N" || symbol == "J" || symbol == "W" || symbol == "Hz" || symbol == "V";
 }
 
-/// Factor and unit for a quantity of this size.
+/// "840": of a number that is not worth more.
+std::string two_digits(double value) {
+  return readable(std::strtod(fmt::format("{:.1e}", value).c_str(), nullptr), 2);
+}
+
+}  // namespace
+
 std::pair<double, std::string> readable_unit(double size, const std::string& units) {
   if (units == "1" || units.empty()) return {1.0, ""};
   if (units == "m") return size < 1e-5 ? std::pair(1e6, " µm") : std::pair(1e3, " mm");
@@ -26,13 +31,6 @@ std::pair<double, std::string> readable_unit(double size, const std::string& uni
   if (size < 1e6) return {1e-3, " k" + units};
   return size < 1e9 ? std::pair(1e-6, " M" + units) : std::pair(1e-9, " G" + units);
 }
-
-/// "840": of a number that is not worth more.
-std::string two_digits(double value) {
-  return readable(std::strtod(fmt::format("{:.1e}", value).c_str(), nullptr), 2);
-}
-
-}  // namespace
 
 Precision::Precision(const assimilation::Verdict& verdict)
     : is_rejected_(verdict.level == assimilation::VerdictLevel::reject), shift_(verdict.model_shift_std) {}

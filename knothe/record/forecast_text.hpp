@@ -2,6 +2,7 @@
 /// @file Numbers as the console says them.
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "knothe/assimilation/decide/decision.hpp"
 #include "knothe/assimilation/forecast/forecaster.hpp"
@@ -30,6 +31,9 @@ class Precision {
   bool is_rejected_ = false;
   Eigen::VectorXd shift_;  ///< of each parameter by the model's error, standard deviations
 };
+
+/// Factor and unit, as it stands behind a number (" mm"), for a quantity of this size; "" of a pure number.
+[[nodiscard]] std::pair<double, std::string> readable_unit(double size, const std::string& units);
 
 /// "−0.4012 ± 0.0012 mm": the standard deviation with two significant digits, the mean to the same decimal;
 /// metres as mm, or µm where both are below 10 µm; "200.2 ± 1.7 GPa".

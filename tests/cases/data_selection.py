@@ -25,7 +25,8 @@ class Test(Case):
         self.assertEqual(last["dofs"], [line["dof"] for line in lines])
         page = (self.folder / "results" / "selection.html").read_text()
         self.assertTrue(page.lower().startswith("<!doctype html>"))
-        self.assertRegex(page, r"Result: usable(?: with caveats)?<.*: standard deviation \S+ by the chosen dofs, \S+ by all; prior ")
+        self.assertRegex(page, rf">{len(lines)} of {last['candidates']} dofs chosen<.*: standard deviation \S+ from the chosen dofs, \S+ from all; prior ")
+        self.assertNotIn("Result: ", page.partition("<script")[0])
         return lines, last
 
     def gradients(self, step, y0=1.0, ad=1.0):

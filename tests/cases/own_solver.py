@@ -222,7 +222,8 @@ with h5py.File("data.h5", "a") as f:
         self.assertEqual(summary["residuals"]["series"]["drift"]["units"], "m")
         self.expect(0, "report", "results", "-o", "report.html")
         page = (self.folder / "report.html").read_text()
-        for text in ("k1 (N/m)", "drift (mm)", "acceleration_1 (m/s²)"):
+        self.assertRegex(page, r"<td[^>]*>k1</td><td[^>]*>[^<]* ± [^<]* kN/m</td>")
+        for text in ("drift (mm)", "acceleration_1 (m/s²)"):
             self.assertIn(text, page)
         self.assertNotIn("µm", page)
         again = self.assimilate()[-1]["mean"]

@@ -2,9 +2,9 @@
 import type { ChartSpec, Series } from "../chart";
 import { colourAt, type Theme } from "../colour";
 import { axisLabel, decade, scaleFor, significant } from "../format";
-import { quantityWords } from "../specs";
+import { parameterScale, quantityWords } from "../specs";
 import type { QuantityDescription } from "../types";
-import { parameterMeaning, pretty, type Assimilation, type Density } from "./record";
+import { modelOf, parameterMeaning, pretty, type Assimilation, type Density } from "./record";
 
 const shownDensities = 30;
 const gridPoints = 200;
@@ -134,13 +134,13 @@ export function marginalSpec(record: Assimilation, k: number, chosen: number, th
     .slice(0, chosen + 1)
     .flatMap((l) => (p && l.marginals?.[p.name] ? [{ step: l.step, density: l.marginals[p.name]! }] : []));
   if (!p || steps.length === 0) return undefined;
-  const scale = scaleFor(parameterMeaning(p), support(steps.map((s) => s.density))[1]);
+  const scale = parameterScale(modelOf(record).parameters[k]);
   const spec = densitySpec(
     {
       name: `marginal ${p.name}`,
-      xLabel: axisLabel(pretty(p.name), scale.units || "–"),
+      xLabel: axisLabel(pretty(p.name), scale.units || parameterMeaning(p) || "–"),
       factor: scale.factor,
-      units: scale.factor === 1 ? "" : scale.units,
+      units: scale.units,
       steps,
       prior: record.summary.prior_marginals?.[p.name],
     },

@@ -3,7 +3,7 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { Chart, Legend, type ChartSpec } from "../chart";
 import type { Theme } from "../colour";
 import { csv, type Cell } from "../csv";
-import { drawPairs } from "../pair_panel";
+import { drawPairs, pairsTable } from "../pair_panel";
 import { blobOf, save, saveText } from "../png";
 import { chartSvg, svg, text } from "./chart_svg";
 import type { Content, Pairs } from "./content";
@@ -63,7 +63,7 @@ function pairsSvg(pairs: Pairs, theme: Theme): string {
 /** The numbers of a figure, in the units of its axes. */
 export function contentTable(content: Content): string {
   if ("charts" in content) return chartsTable(content.charts);
-  if ("pairs" in content) return csv([...content.pairs.names], content.pairs.points);
+  if ("pairs" in content) return pairsTable(content.pairs.names, content.pairs.scales, content.pairs.points);
   const { points, value, sensors, units } = content.mesh;
   const rows: Cell[][] = points.map((p, i) => ["node", ...p, value?.[i]]);
   sensors?.forEach((s) => rows.push([s.words ?? "sensor", s.x, s.y, s.value]));

@@ -3,7 +3,16 @@ import type { ChartSpec } from "../chart";
 import type { Theme } from "../colour";
 import { significant } from "../format";
 import { timeline } from "../history";
-import { evidenceSpec, forecastSpec, parameterSpec, probabilitySpec, quantitiesIn, timingSpec } from "../specs";
+import {
+  evidenceSpec,
+  forecastSpec,
+  inTimeUnits,
+  parameterScale,
+  parameterSpec,
+  probabilitySpec,
+  quantitiesIn,
+  timingSpec,
+} from "../specs";
 import { charts, mostPairs, pairWords, type Content } from "./content";
 import {
   curvesSpec,
@@ -183,6 +192,7 @@ function assimilation(r: Assimilation, name: string, of: string, theme: Theme, c
               line: last,
               lines: r.lines,
               names: names.map(pretty),
+              scales: names.map((_, i) => parameterScale(model.parameters[i])),
               points: draws[0]!.map((_, i) => draws.map((d) => d[i]!)),
               model,
               whole: false,
@@ -240,8 +250,12 @@ export function contentOf(
 ): Content | undefined {
   const [name = "", of = ""] = figure.split(/:(.*)/s);
   switch (report.kind) {
-    case "assimilation":
-      return assimilation(report, name, of, theme, chosen);
+    case "assimilation": {
+      const drawn = assimilation(report, name, of, theme, chosen);
+      return drawn && "charts" in drawn
+        ? { charts: drawn.charts.map((spec) => inTimeUnits(spec, report.time_units)) }
+        : drawn;
+    }
     case "inference":
       return inference(report, name, of, theme);
     case "comparison":

@@ -34,7 +34,9 @@ interface Place {
   seen: boolean;
 }
 
-const worth = document.querySelector(":is(.result.caution, .result.reject) .word")?.textContent?.trim() ?? "";
+/** What a figure that is saved says of the result; a finding that is no result has no doubts to carry along. */
+const doubt = document.querySelector(":is(.result.caution, .result.reject) .word")?.textContent?.trim() ?? "";
+const worth = doubt.startsWith("Result: ") ? doubt : "";
 let look: Look = { dark: false, chosen: last, probe: undefined };
 let choose: (index: number) => void = () => {};
 let probed: (probe: Probe) => void = () => {};

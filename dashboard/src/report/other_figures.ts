@@ -35,9 +35,6 @@ export function meaning(c: Compared, k: number): { factor: number; units: string
   return { factor: reference * scale.factor, units: prettyUnits(scale.units) || "–" };
 }
 
-const scaled = (rows: readonly (readonly number[])[], by: readonly { factor: number }[]): number[][] =>
-  rows.map((row) => row.map((v, k) => v * (by[k]?.factor ?? 1)));
-
 const transposed = (columns: readonly (readonly number[])[]): number[][] =>
   (columns[0] ?? []).map((_, i) => columns.map((c) => c[i]!));
 
@@ -110,26 +107,18 @@ export function inference(r: Inference, name: string, of: string, theme: Theme):
         ),
       );
     case "pairs": {
-      const by = c.parameters.map((_, i) => meaning(c, i));
-      const line = lineOf({
-        ...c,
-        mean: c.mean.map((v, i) => v * by[i]!.factor),
-        maximum_a_posteriori: c.maximum_a_posteriori.map((v, i) => v * by[i]!.factor),
-        covariance: c.covariance.map((row, i) => row.map((v, j) => v * by[i]!.factor * by[j]!.factor)),
-        quantiles: { ...c.quantiles, values: c.quantiles.values.map((q, i) => q.map((v) => v * by[i]!.factor)) },
-      });
       const others: LegendEntry[] = f.map_draws
         ? [{ label: "map, not corrected", colour: theme.orange, look: "bar" }]
         : [];
       return {
         pairs: {
           count: Math.min(mostPairs, c.parameters.length),
-          line,
+          line: lineOf(c),
           lines: [],
           names: c.parameters,
-          units: by.map(({ units }) => units),
-          points: scaled(transposed(f.draws), by),
-          ...(f.map_draws ? { others: scaled(transposed(f.map_draws), by) } : {}),
+          scales: c.parameters.map((_, i) => meaning(c, i)),
+          points: transposed(f.draws),
+          ...(f.map_draws ? { others: transposed(f.map_draws) } : {}),
           model: undefined,
           whole: false,
         },

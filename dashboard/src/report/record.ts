@@ -101,6 +101,8 @@ export interface Assimilation {
   kind: "assimilation";
   lines: ReportLine[];
   summary: Summary;
+  /** Of the model's time, where the solver states one. */
+  time_units?: string;
   measured?: Measured[];
   /** Measured minus predicted, in standard deviations of the prediction, of all sensors. */
   residuals?: { time: number[]; value: number[] };
@@ -314,6 +316,7 @@ export function modelOf(record: Assimilation): Model {
       ...(p.lower === undefined ? {} : { lower: p.lower }),
       ...(p.upper === undefined ? {} : { upper: p.upper }),
       units: parameterMeaning(p),
+      reference: { value: p.reference ?? 1, ...(p.units === undefined ? {} : { units: p.units }) },
       ...(prior ? { levels, values: quantilesOf(prior, levels) } : {}),
     };
   });

@@ -91,8 +91,12 @@ Verdict Assessor::assess(const AssessedPosterior& posterior, std::span<const lik
   if (posterior.latest != nullptr) verdict.latest = misfit_of(*posterior.latest, posterior);
   assess_computation(posterior.update, verdict);
   assess_fit(posterior, data, verdict);
-  if (auto reason = conflict_reason(find_prior_conflict(priors_, posterior.update), priors_, axes_))
+  const PriorConflict conflict = find_prior_conflict(priors_, posterior.update);
+  if (auto reason = conflict_reason(conflict, priors_, axes_)) {
     verdict.add(std::move(*reason));
+  } else if ((reason = not_told_apart(conflict, priors_, axes_))) {
+    verdict.add(std::move(*reason));
+  }
   assess_range(posterior.update, verdict);
   assess_model(posterior, data, verdict);
   assess_sensors(posterior, verdict);

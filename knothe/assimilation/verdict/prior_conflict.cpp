@@ -1,10 +1,14 @@
 #include "knothe/assimilation/verdict/prior_conflict.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "knothe/numerics/linear/symmetric_eigen.hpp"
 #include "knothe/numerics/statistics/chi_squared.hpp"
@@ -23,8 +27,9 @@ constexpr double k_inaccuracy = 0.01;  // variance of a mean that is computed an
 constexpr double k_farthest = 8.5;     // of a point at an end of the box
 constexpr double k_by_chance = 1e-3;   // probability of a caution
 constexpr double k_by_chance_if_it_matters = 1.5e-2;
-constexpr double k_matters = 3;        // of the pull
-constexpr double k_reject_beyond = 5;  // distance: 6e-7
+constexpr double k_matters = 3;                           // of the pull
+constexpr double k_reject_beyond = 5;                     // distance: 6e-7
+constexpr double k_correlated = 0.95, k_left_open = 0.9;  // of two parameters; of the prior's variance
 constexpr double k_share_of_all = 10;  // the look at all parameters together has a tenth of the false alarms
 
 struct Moments {
@@ -58,8 +63,12 @@ Moments moments_of_points(const posterior::PriorTransform& priors, const posteri
 /// `prior`: its covariance in z.
 PriorConflict conflict_of(const Moments& z, const Eigen::MatrixXd& prior) {
   const Index d = z.mean.size();
-  PriorConflict found{Eigen::VectorXd::Zero(d), Eigen::VectorXd::Zero(d), Eigen::VectorXd::Zero(d),
-                      Eigen::VectorXd::Zero(d), 1};
+  PriorConflict found{Eigen::VectorXd::Zero(d),
+                      Eigen::VectorXd::Zero(d),
+                      Eigen::VectorXd::Zero(d),
+                      Eigen::VectorXd::Zero(d),
+                      1,
+                      z.covariance};
   for (Index a = 0; a < d; ++a) {
     const double variance = z.covariance(a, a), seen = 1 - variance;
     const bool is_seen = seen >= k_min_information;
@@ -107,6 +116,11 @@ std::string value_at(double z, double std, const posterior::Prior& prior, const 
   else if (axis.units != "1")
     text += with_space(axis.units);
   return text;
+}
+
+/// The larger eigenvalue of the covariance of two.
+double largest_variance(double a, double b, double between) {
+  return 0.5 * (a + b) + std::hypot(0.5 * (a - b), between);
 }
 
 /// Two-sided: how many standard deviations have this probability, shared by `count` looks.
@@ -163,6 +177,42 @@ std::optional<VerdictReason> conflict_reason(const PriorConflict& conflict,
                        limit,
                        std::move(message),
                        {}};
+}
+
+std::optional<VerdictReason> not_told_apart(const PriorConflict& conflict,
+                                            const posterior::PriorTransform& priors,
+                                            std::span<const model::Axis> axes) {
+  const Index d = conflict.covariance.rows();
+  const Eigen::LLT<Eigen::MatrixXd> prior(priors.covariance());
+  Eigen::MatrixXd c = prior.matrixL().solve(conflict.covariance);
+  c = prior.matrixL().solve(c.transpose()).eval();
+  const auto is_open = [&](Index a, Index b) {
+    return std::abs(c(a, b)) >= k_correlated * std::sqrt(c(a, a) * c(b, b)) &&
+           largest_variance(c(a, a), c(b, b), c(a, b)) >= k_left_open;
+  };
+  Index widest = -1;  // of those that cannot be told from another
+  for (Index a = 0; a < d; ++a)
+    for (Index b = 0; b < d; ++b)
+      if (a != b && is_open(a, b) && (widest < 0 || c(a, a) > c(widest, widest))) widest = a;
+  if (widest < 0) return {};
+  std::vector<std::string> others;
+  double variance = 0;
+  for (Index b = 0; b < d; ++b) {
+    if (b == widest || !is_open(widest, b)) continue;
+    others.push_back(axes[b].name);
+    variance = std::max(variance, largest_variance(c(widest, widest), c(b, b), c(widest, b)));
+  }
+  return VerdictReason{
+      VerdictPart::prior,
+      VerdictLevel::caution,
+      std::sqrt(variance),
+      std::sqrt(k_left_open),
+      fmt::format(
+          "{0} cannot be told apart from {1}: the data determine a combination of them and leave {0} "
+          "{2:.0f} % of the standard deviation of its prior, which decides the rest: add a sensor that "
+          "tells them apart (a force beside displacements), or give {0} as known",
+          axes[widest].name, fmt::join(others, ", "), 100 * std::sqrt(c(widest, widest))),
+      {}};
 }
 
 }  // namespace knothe::assimilation

@@ -1,5 +1,6 @@
 #pragma once
-/// @file Do the prior and the data contradict each other? No residual shows it where parameters compensate.
+/// @file What prior and data say of each other: do they contradict each other, and what rests on the prior
+/// alone? No residual shows it where parameters compensate.
 #include <Eigen/Core>
 #include <optional>
 #include <span>
@@ -19,6 +20,7 @@ struct PriorConflict {
   Eigen::VectorXd estimate, std;  ///< d: the value that the data give with the priors of the others
   Eigen::VectorXd pull;           ///< d: from there to the posterior mean, in posterior standard deviations
   double probability = 1;         ///< that chance brings all parameters together as far from the prior
+  Eigen::MatrixXd covariance;     ///< d × d: C below
 };
 
 /// Prior predictive check (Box 1980; Evans and Moshonov 2006) of what the data say of the parameters. In z a
@@ -41,5 +43,12 @@ struct PriorConflict {
 [[nodiscard]] std::optional<VerdictReason> conflict_reason(const PriorConflict& conflict,
                                                            const posterior::PriorTransform& priors,
                                                            std::span<const model::Axis> axes);
+
+/// Where the data fix a combination of two parameters (correlation of 0.95 or more, of the prior's own freed)
+/// and leave another one nine tenths of the prior's variance: a reason that names them, at most a caution.
+/// Its value is the standard deviation along that combination, as a share of the prior's.
+[[nodiscard]] std::optional<VerdictReason> not_told_apart(const PriorConflict& conflict,
+                                                          const posterior::PriorTransform& priors,
+                                                          std::span<const model::Axis> axes);
 
 }  // namespace knothe::assimilation

@@ -8,6 +8,7 @@
 #include <random>
 
 #include "knothe/numerics/integrate/sobol.hpp"
+#include "knothe/posterior/prior/joint_prior.hpp"
 
 namespace knothe::assimilation {
 namespace {
@@ -174,6 +175,57 @@ TEST(PriorConflict, OfATruncatedPriorIsCalibratedAtTheEndsOfTheBox) {
     alarms += conflict_reason(find_prior_conflict(priors, made), priors, axes(1)) ? 1 : 0;
   }
   EXPECT_LE(alarms, 8);
+}
+
+/// A displacement fixes the ratio of a stiffness, known to 10 %, and a strength that is hardly known: the
+/// stiffness keeps its prior, and the strength's own error is the stiffness'.
+TEST(PriorConflict, ParametersOfWhichOnlyARatioIsSeenCannotBeToldApart) {
+  const Eigen::Vector3d width(0.45, 0.45, 0.1);
+  Eigen::Matrix<double, 2, 3> seen;  // first + third, second - third
+  seen << 1, 0, 1, 0, 1, -1;
+  const auto posterior_of = [&](double noise, double force_noise) {
+    Eigen::Matrix3d information = seen.transpose() * seen / (noise * noise);
+    information(2, 2) += 1 / (force_noise * force_noise);
+    const MatrixXd prior = width.cwiseAbs2().cwiseInverse().asDiagonal();
+    return normal_posterior(VectorXd::Ones(3), (information + prior).inverse());
+  };
+  const Conjugate c{VectorXd::Ones(3), width, {}, {}};
+  std::vector<model::Axis> named = axes(3);
+  named[2].name = "E";
+  const auto reason_for = [&](double noise, double force_noise) {
+    return not_told_apart(find_prior_conflict(c.priors(), posterior_of(noise, force_noise)), c.priors(),
+                          named);
+  };
+  const auto reason = reason_for(0.003, 1e3);
+  ASSERT_TRUE(reason);
+  EXPECT_EQ(
+      reason->message,
+      "E cannot be told apart from a, b: the data determine a combination of them and leave E 95 % of the "
+      "standard deviation of its prior, which decides the rest: add a sensor that tells them apart (a force "
+      "beside displacements), or give E as known");
+  EXPECT_EQ(reason->level, VerdictLevel::caution);
+  EXPECT_GT(reason->value, reason->limit);
+  EXPECT_LT(reason->value, 1);
+  EXPECT_FALSE(reason_for(0.003, 0.03));  // with a force
+  EXPECT_FALSE(reason_for(1.0, 1e3));     // data that say little of anything
+}
+
+/// What a joint prior knows of two parameters is no fault of the data.
+TEST(PriorConflict, CorrelationOfAJointPriorDoesNotCount) {
+  Eigen::Matrix2d covariance;
+  covariance << 1, 0.99, 0.99, 1;
+  const auto joint = std::make_shared<const posterior::JointPrior>(
+      std::vector<posterior::MixtureComponent>{
+          {1, Eigen::Vector2d::Zero(), Eigen::MatrixXd(covariance.llt().matrixL())}},
+      "the posterior of an earlier test");
+  const PriorTransform together({marginal_of(joint, 0), marginal_of(joint, 1)});
+  const PriorTransform separate({Prior::normal(0, 1), Prior::normal(0, 1)});
+  const auto reason_with = [&](const PriorTransform& priors) {
+    const auto posterior = normal_posterior(Eigen::Vector2d::Zero(), covariance);
+    return not_told_apart(find_prior_conflict(priors, posterior), priors, axes(2));
+  };
+  EXPECT_TRUE(reason_with(separate));
+  EXPECT_FALSE(reason_with(together));
 }
 
 }  // namespace

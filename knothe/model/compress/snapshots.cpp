@@ -119,6 +119,7 @@ SnapshotFrame read_frame(const files::Hdf5Reader& file) {
   Snapshots& snapshots = frame.snapshots;
   snapshots.axes = read_axes(file);
   snapshots.time = read_time(file);
+  snapshots.time_units = read_time_units(file);
   check_field_shape(file, snapshots);
   frame.dofs = file.shape("/snapshots").back();
   const files::Labels labels = file.labels("/snapshots");
@@ -164,7 +165,7 @@ Snapshots read_solution(const std::string& path) {
 }
 
 void write_snapshots(const Snapshots& snapshots, files::Hdf5Writer& file, bool single_precision) {
-  write_axes(file, snapshots.axes, snapshots.time);
+  write_axes(file, snapshots.axes, snapshots.time, snapshots.time_units);
   const files::Shape shape = joined(snapshots.grid_shape(), {snapshots.time.size(), snapshots.dof_count()});
   if (single_precision) {
     file.write_single_precision("/snapshots", snapshots.values, shape, snapshots.field);

@@ -68,6 +68,7 @@ struct SnapshotOutput {
 struct Snapshots {
   std::vector<Axis> axes;
   std::vector<double> time;    ///< [n_t], strictly increasing
+  std::string time_units;      ///< empty where the solver states none
   std::vector<double> values;  ///< [n₁, …, n_d, n_t, n_dof]
   files::Labels field{"m", "displacement"};
   Dofs dofs;                         ///< empty if the field is not a displacement

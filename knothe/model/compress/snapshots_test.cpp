@@ -1,5 +1,6 @@
 #include "knothe/model/compress/snapshots.hpp"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -91,12 +92,12 @@ TEST(Snapshots, MistakesAreNamed) {
 }
 
 /// A file of another solver with some parts left out or of another shape.
-void write_foreign(const std::string& path, bool attribute, const files::Shape& shape,
-                   bool increasing = true) {
+void write_foreign(const std::string& path, bool attribute, const files::Shape& shape, bool increasing = true,
+                   const files::Labels& time = {}) {
   files::Hdf5Writer file(path);
   file.write("/snapshots", std::vector<double>(2 * 3 * 4, 1.0), shape, {});
   file.write("/parameters/a", std::vector<double>{0.0, increasing ? 1.0 : 0.0}, {2}, {});
-  file.write("/time", std::vector<double>{0.0, 1.0, 2.0}, {3}, {});
+  file.write("/time", std::vector<double>{0.0, 1.0, 2.0}, {3}, time);
   if (attribute) file.texts_attribute("/", "parameters", std::vector<std::string>{"a"});
   file.close();
 }
@@ -109,6 +110,25 @@ TEST(Snapshots, ForeignFilesNeedNoExtras) {
   EXPECT_EQ(snapshots.field.units, "m");
   EXPECT_TRUE(snapshots.dofs.empty());
   EXPECT_FALSE(snapshots.mesh.has_value());
+}
+
+/// Kept through a file of ours; "s" of one that an earlier version wrote means nothing.
+TEST(Snapshots, TheUnitOfTimeIsTheSolvers) {
+  const TestFolder folder;
+  const auto units = [&](const files::Labels& time) {
+    write_foreign(folder.file("a.h5"), true, {2, 3, 4}, true, time);
+    const Snapshots read = read_snapshots(folder.file("a.h5"));
+    write_snapshots(read, folder.file("b.h5"));
+    const Snapshots again = read_snapshots(folder.file("b.h5"));
+    EXPECT_EQ(again.time, read.time);
+    EXPECT_EQ(again.time_units, read.time_units);
+    return fmt::format("{} {}", read.time[1], read.time_units);
+  };
+  EXPECT_EQ(units({"min", ""}), "60 s");
+  EXPECT_EQ(units({"mm", "opening"}), "1 mm");
+  EXPECT_EQ(units({"1", ""}), "1 ");
+  EXPECT_EQ(units({"", ""}), "1 ");
+  EXPECT_EQ(units({"s", "time"}), "1 ");
 }
 
 TEST(Snapshots, ForeignFilesWithMistakesAreRefused) {

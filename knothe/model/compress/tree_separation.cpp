@@ -21,6 +21,7 @@ ModelContents frame_of(const Snapshots& snapshots, const Deviation& deviation) {
   ModelContents model;
   model.axes = snapshots.axes;
   model.time = snapshots.time;
+  model.time_units = snapshots.time_units;
   model.field = snapshots.field;
   model.lift.assign(deviation.lift().data(), deviation.lift().data() + deviation.lift().size());
   model.dofs = snapshots.dofs;

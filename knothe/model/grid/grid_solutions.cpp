@@ -72,6 +72,7 @@ Snapshots GridSolutions::at_dofs(std::span<const std::size_t> chosen) const {
   Snapshots part;
   part.axes = snapshots.axes;
   part.time = snapshots.time;
+  part.time_units = snapshots.time_units;
   part.field = snapshots.field;
   const Dofs& all = dofs();
   for (const std::size_t dof : all.empty() ? std::span<const std::size_t>() : chosen) {

@@ -158,6 +158,14 @@ std::vector<double> read_time(const files::Hdf5Reader& file) {
   return time;
 }
 
+std::string read_time_units(const files::Hdf5Reader& file) {
+  const files::Labels labels = file.labels("/time");
+  // Earlier files of this program say "s", "time" whatever their time is.
+  if (labels.units == "1" || (labels.units == "s" && labels.long_name == "time")) return {};
+  const auto unit = files::unit_of(labels.units);
+  return unit && unit->si == "s" ? "s" : labels.units;
+}
+
 Dofs read_dofs(const files::Hdf5Reader& file) {
   Dofs dofs;
   if (!file.has("/dofs/points") && !file.has("/dofs/component")) return dofs;
@@ -210,7 +218,8 @@ std::vector<SnapshotOutput> read_outputs(const files::Hdf5Reader& file, const fi
   return outputs;
 }
 
-void write_axes(files::Hdf5Writer& file, std::span<const Axis> axes, std::span<const double> time) {
+void write_axes(files::Hdf5Writer& file, std::span<const Axis> axes, std::span<const double> time,
+                const std::string& time_units) {
   std::vector<std::string> names;
   for (const Axis& axis : axes) {
     names.push_back(axis.name);
@@ -220,7 +229,7 @@ void write_axes(files::Hdf5Writer& file, std::span<const Axis> axes, std::span<c
     file.number_attribute(path, "reference", axis.reference);
   }
   file.texts_attribute("/", "parameters", names);
-  file.write("/time", time, {time.size()}, {"s", "time"});
+  file.write("/time", time, {time.size()}, {time_units.empty() ? "1" : time_units, "model time"});
 }
 
 void write_dofs(files::Hdf5Writer& file, const Dofs& dofs) {

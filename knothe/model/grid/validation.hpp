@@ -44,13 +44,17 @@ class Validation {
 /// /outputs.
 [[nodiscard]] std::vector<Axis> read_axes(const files::Hdf5Reader& file);
 [[nodiscard]] std::vector<double> read_time(const files::Hdf5Reader& file);
+/// Unit of the numbers that `read_time` gives: "s", or that of what stands for time; empty where the solver
+/// stated none.
+[[nodiscard]] std::string read_time_units(const files::Hdf5Reader& file);
 [[nodiscard]] Dofs read_dofs(const files::Hdf5Reader& file);
 /// Attributes `names` and `units` of the group /dofs.
 [[nodiscard]] std::vector<Quantity> read_quantities(const files::Hdf5Reader& file);
 [[nodiscard]] std::optional<Mesh> read_mesh(const files::Hdf5Reader& file);
 [[nodiscard]] std::vector<SnapshotOutput> read_outputs(const files::Hdf5Reader& file,
                                                        const files::Shape& grid, std::size_t times);
-void write_axes(files::Hdf5Writer& file, std::span<const Axis> axes, std::span<const double> time);
+void write_axes(files::Hdf5Writer& file, std::span<const Axis> axes, std::span<const double> time,
+                const std::string& time_units);
 void write_dofs(files::Hdf5Writer& file, const Dofs& dofs);
 void write_quantities(files::Hdf5Writer& file, std::span<const Quantity> quantities);
 void write_mesh(files::Hdf5Writer& file, const std::optional<Mesh>& mesh);

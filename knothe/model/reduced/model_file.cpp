@@ -281,7 +281,7 @@ void write_model(const ModelContents& model, const TruncationError& truncation, 
       file.number_attribute("/", "off_grid_max_error_m", model.off_grid->max_error_m);
       file.text_attribute("/", "off_grid_source", model.off_grid->source);
     }
-    write_axes(file, model.axes, model.time);
+    write_axes(file, model.axes, model.time, model.time_units);
     for (const Axis& axis : model.axes) file.text_attribute("/parameters/" + axis.name, "basis", k_basis);
     write_modes(file, model);
     write_rest(file, model);
@@ -308,6 +308,7 @@ ModelContents read_sound_model(const std::string& path) {
   model.max_error_m = file.number_attribute("/", "max_error_m");
   model.axes = read_axes(file);
   model.time = read_time(file);
+  model.time_units = read_time_units(file);
   read_modes(file, model);
   model.dofs = read_dofs(file);
   model.quantities = read_quantities(file);

@@ -37,6 +37,7 @@ struct ModelContents {
   Form form = Form::tree;
   std::vector<Axis> axes;
   std::vector<double> time;  ///< [n_t]
+  std::string time_units;    ///< empty where the solver states none
   files::Labels field{"m", "displacement"};
   std::size_t space_modes = 0;                  ///< l (canonical: m)
   std::size_t parameter_modes = 0;              ///< r (canonical: m)

@@ -96,6 +96,7 @@ Snapshots resampled(const Snapshots& solution, const TimeAxis& axis) {
   const std::vector<Place> places = places_of(axis.values, output.values);
   Snapshots result = solution;
   result.time = axis.values;
+  result.time_units = output.labels.units;
   result.lift.clear();
   result.values = at_places(solution.values, solution.dof_count(), places);
   for (Index k = 0; k < std::ssize(result.outputs); ++k)
@@ -125,7 +126,7 @@ std::vector<Snapshots> ResampledSimulator::solve_all(std::span<const std::vector
 std::optional<Snapshots> ResampledSimulator::frame() const {
   std::optional<Snapshots> frame = simulator_->frame();
   if (!frame) return frame;
-  (void)output_of(*frame, axis_.output);
+  frame->time_units = output_of(*frame, axis_.output).labels.units;
   frame->time = axis_.values;
   frame->lift.clear();
   return frame;

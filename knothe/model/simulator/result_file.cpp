@@ -30,6 +30,7 @@ Quantity quantity_of(const std::string& header) {
 /// A column time, in s where it has a unit, and series beside it as they are (`settle_units`).
 struct TimeTable {
   std::vector<double> time;
+  std::string time_units;
   std::vector<Quantity> quantities;
   std::vector<std::vector<double>> series;
 };
@@ -42,8 +43,11 @@ TimeTable read_time_table(const std::string& path) {
     std::vector<double> values = table.numbers(header);
     if (quantity.name == "time") {
       result.time = std::move(values);
-      if (const auto unit = files::unit_of(quantity.units))
+      if (quantity.units != "1") result.time_units = quantity.units;
+      if (const auto unit = files::unit_of(quantity.units)) {
+        result.time_units = unit->si;
         for (double& time : result.time) time *= unit->factor;
+      }
     } else {
       result.quantities.push_back(std::move(quantity));
       result.series.push_back(std::move(values));
@@ -60,6 +64,7 @@ Snapshots from_csv(const std::string& path) {
   TimeTable table = read_time_table(path);
   Snapshots solution;
   solution.time = std::move(table.time);
+  solution.time_units = std::move(table.time_units);
   for (Index t = 0; t < std::ssize(solution.time); ++t)
     for (const auto& series : table.series) solution.values.push_back(series[t]);
   solution.quantities = std::move(table.quantities);

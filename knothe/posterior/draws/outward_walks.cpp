@@ -26,7 +26,7 @@ constexpr std::size_t k_places = 8;
 constexpr double k_widened = 1.5;
 
 Eigen::Index steps_between_shapes(Eigen::Index d) {
-  return d > k_full_shape ? 20 : std::max<Eigen::Index>(8, d * (d + 1));
+  return d > k_full_shape ? 40 : std::max<Eigen::Index>(8, d * (d + 1));
 }
 
 Eigen::MatrixXd factor_of(Eigen::MatrixXd covariance) {

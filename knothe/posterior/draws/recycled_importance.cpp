@@ -30,8 +30,9 @@ constexpr Eigen::Index k_ascents = 4;
 constexpr double k_widened = 1.2;
 /// The first look beyond the draws is when errors are so many times what is tolerated. Another one is when
 /// there are so many times as many draws; at once, where a single draw could have moved a moment by so many
-/// times what is tolerated: there the draws are far from where the mass ends.
-constexpr double k_early = 3, k_more_draws = 1.5, k_far_from_end = 10;
+/// times what is tolerated: there the draws are far from where the mass ends. None is made before they are
+/// good, where it could have moved little.
+constexpr double k_early = 3, k_more_draws = 1.5, k_far_from_end = 10, k_little = 1.5;
 /// Where the first draws are worth enough only below this β, the mass is far away or small, and draws around
 /// the modes that are known get there sooner.
 constexpr double k_far_away = 0.3;
@@ -238,8 +239,7 @@ void state(const Draws& draws, const RecycledImportanceOptions& options, Recycle
   r.sample.weights = weights.values;
   r.sample.state_evidence(weights.log_sum);
   const Eigen::MatrixXd variables = variables_of(draws, options);
-  r.state_errors(variables);
-  if (options.looks_beyond) r.tail_shape = tail_shape_of(variables, weights.values);
+  r.state_errors(variables, options.looks_beyond ? tail_shape_of(variables, weights.values) : 0);
   r.converged = r.converged && r.temperatures.back() == 1;
 }
 
@@ -291,7 +291,7 @@ struct Looks {
     const double moved = std::max(beyond.mean_shift / ImportanceResult::k_mean_tolerance,
                                   beyond.deviation_shift / ImportanceResult::k_deviation_tolerance);
     const bool is_far = moved > k_far_from_end;
-    early = early && !is_good && beyond.found();
+    early = early && !is_good && beyond.found() && moved > k_little;
     is_fitted = !beyond.found() || (is_good && !is_far);
     next = is_far ? 0 : k_more_draws * draws;
   }

@@ -54,11 +54,12 @@ Json time_functions(const model::SeparatedModel& model, std::span<const double> 
       y.push_back((is_displacement ? 1e3 : 1) * largest * amplitude(contents, k, t, w));
     curves.push_back(curve(k, std::move(y)));
   }
-  return {{"x", contents.time},
-          {"curves", std::move(curves)},
-          {"xLabel", "model time t [–]"},
-          {"yLabel",
-           is_displacement ? "largest displacement by the mode [mm]" : "largest value of the mode [–]"}};
+  return {
+      {"x", contents.time},
+      {"curves", std::move(curves)},
+      {"xLabel", fmt::format("model time t [{}]", contents.time_units.empty() ? "–" : contents.time_units)},
+      {"yLabel",
+       is_displacement ? "largest displacement by the mode [mm]" : "largest value of the mode [–]"}};
 }
 
 Json parameter_functions(const model::SeparatedModel& model, std::size_t axis, std::span<const double> p) {

@@ -106,12 +106,13 @@ std::string input_name(const std::string& name) {
 /// What the posterior does not say: errors of the inputs that no test of the data detects.
 void add_input_errors(Page& page, const record::Results& results) {
   if (results.input_shifts.empty()) return;
-  Table table{"If an input is too large", {"input", "by"}, {}};
+  Table table{"If an input is too large", {"input"}, {}, worth_of(results)};
   for (const record::ParameterSummary& p : results.parameters)
     table.header.push_back(pretty_name(p.name) + " shifts by");
   for (const assimilation::InputShift& error : results.input_shifts) {
-    TableRow row{{input_name(error.name), record::plain(100 * error.relative) + "\u00a0%" +
-                                              (error.is_limited ? " (the data would show more)" : "")}};
+    TableRow row{
+        {fmt::format("{} by {}\u00a0%{}", input_name(error.name), record::plain(100 * error.relative),
+                     error.is_limited ? " (the data would show more)" : "")}};
     for (Eigen::Index a = 0; a < error.shift.size(); ++a)
       row.cells.push_back(fmt::format("{}{}\u00a0σ ({})", error.in_std[a] < 0 ? "" : "+",
                                       record::readable(error.in_std[a], 2),
@@ -120,11 +121,9 @@ void add_input_errors(Page& page, const record::Results& results) {
   }
   page.tables({table});
   page.note(
-      "σ: one standard deviation of the posterior. It does not contain these errors: the data fit "
-      "nevertheless, "
-      "by other parameters. [tolerances] in the project file says how well each input is known; what the "
-      "data "
-      "would show is left to the tests of the fit.");
+      "σ: one standard deviation of the posterior, which does not contain these errors: with other "
+      "parameters the data still fit. [tolerances] in the project file says how well each input is known; "
+      "the tests of the fit detect larger errors.");
 }
 
 void add_forecasts(Page& page, const record::Results& results) {

@@ -24,7 +24,10 @@ void write_assimilation_report(const std::string& results_folder, const std::str
 /// What a verdict's level says of a result.
 [[nodiscard]] Usability usability(assimilation::VerdictLevel level);
 
-/// What was found, in numbers: the parameters, and the forecasts, those whose horizon is over last.
+/// The same of the last step; results that were not judged are taken as they are.
+[[nodiscard]] Usability worth_of(const record::Results& results);
+
+/// What was found, in numbers and units: the parameters, and the forecasts, those whose horizon is over last.
 [[nodiscard]] std::vector<Table> headline(const record::Results& results);
 
 /// Indices (into results.steps) of the `count` steps where the standard deviation of parameter `d` falls

@@ -48,7 +48,7 @@ TEST(AssimilationReport, ShowsEverySection) {
     EXPECT_NE(html.find(std::string(">") + heading + "</h2>"), std::string::npos) << heading;
   EXPECT_NE(html.find("99 of 100 steps"), std::string::npos);
   EXPECT_NE(html.find("not trusted: 22"), std::string::npos);
-  EXPECT_NE(html.find("1, 0.6 σ away"), std::string::npos);
+  EXPECT_NE(html.find("<td data-of=\"true value\">1, 0.6 σ away</td>"), std::string::npos);
   EXPECT_NE(html.find("Equivalent elastic crack length at time 0.3"), std::string::npos);
   EXPECT_NE(html.find("37.2 mm (mean), 37.6 mm"), std::string::npos);
   EXPECT_NE(html.find("the order no longer helps"), std::string::npos);
@@ -233,6 +233,48 @@ TEST(AssimilationReport, TheLastDecisionStandsBelowTheBannerAndAllOfThemInASecti
   html = assimilation_report(results, nullptr, "none");
   EXPECT_EQ(html.find("<p class=\"next\">"), std::string::npos);
   EXPECT_EQ(html.find("data-figure=\"risk\""), std::string::npos);
+}
+
+TEST(AssimilationReport, AParameterWithAUnitIsSaidInItThroughoutItsRow) {
+  const files::TestFolder place;
+  record::Results results = record::read_results(record::test::write_results(place, 60));
+  results.judged = false;
+  results.verdict = {};
+  record::ParameterSummary& p = results.parameters[0];
+  record::Step& last = results.steps.back();
+  p = {.name = "E", .units = "Pa", .truth = 30.5e9};
+  last.mean[0] = 30.123e9, last.covariance(0, 0) = 4e16;  // 0.2 GPa
+  last.quantiles.row(0) = Eigen::RowVectorXd::LinSpaced(last.quantiles.cols(), 29.7e9, 30.5e9);
+  const auto cells = headline(results)[0].rows[0].cells;
+  EXPECT_EQ(cells,
+            (std::vector<std::string>{"E", "30.12 ± 0.20 GPa", "29.70 … 30.50 GPa", "30.5 GPa, 1.9 σ away"}));
+  // Multiples of a reference too; without a unit they stay multiples.
+  p = {.name = "Y0", .reference = 216, .units = "J/m3"};
+  last.mean[0] = 1.02, last.covariance(0, 0) = 4e-4, last.maximum_a_posteriori[0] = 1.03;
+  last.quantiles.row(0) = Eigen::RowVectorXd::LinSpaced(last.quantiles.cols(), 0.98, 1.06);
+  EXPECT_EQ(headline(results)[0].rows[0].cells,
+            (std::vector<std::string>{"Y₀", "220.3 ± 4.3 J/m³", "211.7 … 229.0 J/m³", "222.5 J/m³"}));
+  p.units.clear();
+  EXPECT_EQ(headline(results)[0].rows[0].cells,
+            (std::vector<std::string>{"Y₀ (1 = 216)", "1.020 ± 0.020", "0.980 … 1.060", "1.030"}));
+}
+
+/// The table says so itself, so that it is struck out without JavaScript too.
+TEST(AssimilationReport, ShiftsByAnInputsErrorAreWorthWhatTheResultIs) {
+  const files::TestFolder place;
+  record::Results results = record::read_results(record::test::write_results(place, 60));
+  results.judged = true;
+  results.verdict.level = assimilation::VerdictLevel::reject;
+  results.input_shifts = {{.name = "clock",
+                           .relative = 0.02,
+                           .shift = Eigen::Vector2d(0.03, -0.01),
+                           .in_std = Eigen::Vector2d(1.5, -0.5)}};
+  EXPECT_NE(assimilation_report(results, nullptr, "none")
+                .find("<div class=\"scroll demoted rejected\"><table><caption>If an input is too large"
+                      "</caption><thead><tr><th>input</th><th>Y₀ shifts by</th><th>A_d shifts by</th></tr>"
+                      "</thead><tbody><tr><td>clock (imposed displacement) by 2\u00a0%</td>"
+                      "<td>+1.5\u00a0σ (0.030)</td>"),
+            std::string::npos);
 }
 
 TEST(AssimilationReport, RejectedNumbersAreDemotedAndExpiredForecastsDoNotLead) {

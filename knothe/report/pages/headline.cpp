@@ -34,28 +34,29 @@ std::string interval(double low, double high, double std, const record::Precisio
   return precision.number(low, std) + " … " + precision.number(high, std);
 }
 
+/// Every number in the parameter's unit, where the model states one.
 TableRow parameter_row(const record::Results& results, std::size_t d) {
   const record::ParameterSummary& p = results.parameters[d];
   const record::Step& last = results.steps.back();
   const record::Precision precision(results.verdict);
-  const double std = precision.of_parameter(last.standard_deviations()[d], d);
+  const double relative_std = precision.of_parameter(last.standard_deviations()[d], d);
   const std::string units = pretty_units(p.units);
-  // What 1 means stands in the value in its unit.
-  TableRow row{{p.reference && *p.reference != 1 ? pretty_name(p.name) : parameter_label(p),
-                precision.estimate(last.mean[d], std)}};
-  if (last.quantiles.cols() > 1)
-    row.cells.push_back(
-        interval(last.quantiles(d, 0), last.quantiles(d, last.quantiles.cols() - 1), std, precision));
-  else
-    row.cells.push_back(interval(last.mean[d] - 1.96 * std, last.mean[d] + 1.96 * std, std, precision));
-  const double reference = p.reference.value_or(1);
-  row.cells.push_back(
-      record::value_text(reference * last.mean[d], std::abs(reference) * std, units, precision));
+  const double reference = units.empty() ? 1 : p.reference.value_or(1);
+  const auto [factor, unit] =
+      record::readable_unit(std::abs(reference) * std::max(std::abs(last.mean[d]), relative_std), units);
+  const double scale = factor * reference, std = std::abs(scale) * relative_std;
+  const bool has_quantiles = last.quantiles.cols() > 1;
+  const double low = has_quantiles ? last.quantiles(d, 0) : last.mean[d] - 1.96 * relative_std;
+  const double high =
+      has_quantiles ? last.quantiles(d, last.quantiles.cols() - 1) : last.mean[d] + 1.96 * relative_std;
+  TableRow row{{units.empty() ? parameter_label(p) : pretty_name(p.name),
+                precision.estimate(scale * last.mean[d], std) + unit,
+                interval(scale * low, scale * high, std, precision) + unit}};
   if (p.truth) {
-    const double distance = std > 0 ? std::abs(last.mean[d] - *p.truth) / std : 0.0;
-    row.cells.push_back(fmt::format("{}, {:.1f} σ away", record::plain(*p.truth), distance));
+    const double distance = std > 0 ? std::abs(scale * (last.mean[d] - *p.truth)) / std : 0.0;
+    row.cells.push_back(fmt::format("{}{}, {:.1f} σ away", record::plain(scale * *p.truth), unit, distance));
   } else {
-    row.cells.push_back(precision.number(last.maximum_a_posteriori[d], std));
+    row.cells.push_back(precision.number(scale * last.maximum_a_posteriori[d], std) + unit);
   }
   return row;
 }
@@ -109,15 +110,18 @@ std::string update_times(const record::Results& results, double record::Step::*t
          duration(numerics::quantile(times, 0.99)) + " (99 %)";
 }
 
+Usability worth_of(const record::Results& results) {
+  return results.judged ? usability(results.verdict.level) : Usability::usable;
+}
+
 std::vector<Table> headline(const record::Results& results) {
-  const Usability worth = results.judged ? usability(results.verdict.level) : Usability::usable;
+  const Usability worth = worth_of(results);
   const bool has_truth = std::any_of(results.parameters.begin(), results.parameters.end(),
                                      [](const record::ParameterSummary& p) { return p.truth.has_value(); });
-  Table parameters{
-      "Parameters",
-      {"parameter", "estimate", "95 % between", "in its unit", has_truth ? "true value" : "most probable"},
-      {},
-      worth};
+  Table parameters{"Parameters",
+                   {"parameter", "estimate", "95 % between", has_truth ? "true value" : "most probable"},
+                   {},
+                   worth};
   for (std::size_t d = 0; d < results.parameters.size(); ++d)
     parameters.rows.push_back(parameter_row(results, d));
   std::vector<Table> tables = {std::move(parameters)};
@@ -172,7 +176,7 @@ std::vector<TableRow> comparison_with_paper(const record::Results& results) {
   };
   const int y0 = index("Y0"), ad = index("Ad");
   if (results.parameters.size() != 2 || y0 < 0 || ad < 0) return {};
-  if (results.judged && usability(results.verdict.level) == Usability::not_usable) return {};
+  if (worth_of(results) == Usability::not_usable) return {};
   const record::Step& last = results.steps.back();
   const record::Precision precision(results.verdict);
   const auto found = [&](int d) {

@@ -11,8 +11,10 @@
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_text.hpp"
+#include "knothe/record/forecast_text.hpp"
 #include "knothe/record/number_text.hpp"
 #include "knothe/report/data/report_record.hpp"
+#include "knothe/report/data/words.hpp"
 #include "knothe/report/pages/page.hpp"
 
 namespace knothe::report {
@@ -25,6 +27,8 @@ using Numbers = std::vector<double>;
 struct Content {
   std::vector<std::string> parameters;
   Numbers mean, std, most_probable, skewness, kurtosis;
+  Numbers scale;                   ///< from a parameter to its number in `unit`
+  std::vector<std::string> unit;   ///< as it stands behind a number; "" where the model states none
   std::vector<Numbers> quantiles;  ///< parameter × level
   std::string method;
   const Json* figures = nullptr;
@@ -38,25 +42,45 @@ struct Content {
     c.at("quantiles").at("values").get_to(quantiles);
     c.at("method").get_to(method);
     figures = &c.at("figures");
-    for (std::size_t k = 0; k < parameters.size(); ++k)
+    for (std::size_t k = 0; k < parameters.size(); ++k) {
       std.push_back(std::sqrt(std::max(0.0, c.at("covariance").at(k).at(k).get<double>())));
+      add_unit(c.value("physical", Json::object()).value(parameters[k], Json::object()));
+    }
   }
   [[nodiscard]] bool has_map() const { return figures->contains("map"); }
   [[nodiscard]] std::size_t shown(std::size_t most) const { return std::min(most, parameters.size()); }
+
+ private:
+  /// Of the next parameter: what the model says it is in physical units.
+  void add_unit(const Json& physical) {
+    const double deviation = std.back();
+    const bool is_known = physical.contains("units") && deviation > 0;
+    const auto [factor, symbol] = record::readable_unit(
+        is_known ? std::abs(physical.at("mean").get<double>()) : 0,
+        is_known ? pretty_units(physical.at("units").get<std::string>()) : std::string());
+    scale.push_back(is_known ? factor * physical.at("std").get<double>() / deviation : 1);
+    unit.push_back(symbol);
+  }
 };
 
 void add_parameters(Page& page, const Content& c, Usability worth) {
   const bool is_rejected = worth == Usability::not_usable;
-  const auto number = [&](double value) { return record::readable(value, is_rejected ? 2 : 4); };
+  const auto number = [&](double value, std::size_t k) {
+    return record::readable(c.scale[k] * value, is_rejected ? 2 : 4);
+  };
   Table table{"Parameters",
               {"parameter", "estimate", "most probable", "95 % between", "skewness", "kurtosis"},
               {},
               worth};
   for (std::size_t k = 0; k < c.parameters.size(); ++k)
     table.rows.push_back(
-        {{c.parameters[k], is_rejected ? number(c.mean[k]) : record::with_uncertainty(c.mean[k], c.std[k]),
-          number(c.most_probable[k]),
-          fmt::format("{} … {}", number(c.quantiles[k].front()), number(c.quantiles[k].back())),
+        {{c.parameters[k],
+          (is_rejected ? number(c.mean[k], k)
+                       : record::with_uncertainty(c.scale[k] * c.mean[k], c.scale[k] * c.std[k])) +
+              c.unit[k],
+          number(c.most_probable[k], k) + c.unit[k],
+          fmt::format("{} … {}{}", number(c.quantiles[k].front(), k), number(c.quantiles[k].back(), k),
+                      c.unit[k]),
           record::readable(c.skewness[k], 2), record::readable(c.kurtosis[k], 3)}});
   page.tables({table});
   page.note("±: one standard deviation of the posterior. Skewness and kurtosis are 0 and 3 for a Gaussian.");
@@ -171,7 +195,7 @@ InferenceJudgement judgement(const Json& content) {
 std::string inference_report(const Json& content, const std::string& where) {
   try {
     const Content c(content);
-    Page page("What the observations say", "By the method " + c.method + ".");
+    Page page("What the observations say", "Method: " + c.method + ".");
     const double ess = content.at("ess");
     InferenceJudgement judged = judgement(content);
     judged.sentences.push_back(fmt::format(

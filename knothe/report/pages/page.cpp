@@ -71,8 +71,13 @@ Page::Page(std::string title, std::string subtitle)
     : title_(std::move(title)), subtitle_(std::move(subtitle)) {}
 
 Page& Page::result(Usability usability, const std::vector<std::string>& sentences) {
-  banner_ = fmt::format("<div class=\"result {}\" role=\"status\"><b class=\"word\">Result: {}</b><div>",
-                        css_class(usability), result_words(usability));
+  return finding("Result: " + result_words(usability), usability, sentences);
+}
+
+Page& Page::finding(const std::string& words, Usability usability,
+                    const std::vector<std::string>& sentences) {
+  banner_ = fmt::format("<div class=\"result {}\" role=\"status\"><b class=\"word\">{}</b><div>",
+                        css_class(usability), escape_xml(words));
   for (const std::string& sentence : sentences) banner_ += "<p>" + escape_xml(sentence) + "</p>";
   banner_ += "</div></div>\n";
   return *this;

@@ -37,6 +37,8 @@ class Page {
 
   /// The banner at the top: "Result: usable", and the sentences that say why.
   Page& result(Usability usability, const std::vector<std::string>& sentences);
+  /// The same of what is no estimate: in place of "Result: usable" words of its own, in that colour.
+  Page& finding(const std::string& words, Usability usability, const std::vector<std::string>& sentences);
   /// Below the banner: what to do next with the specimen, and why.
   Page& next(const std::string& action, const std::string& why);
   Page& section(const std::string& heading);

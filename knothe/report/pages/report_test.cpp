@@ -181,6 +181,41 @@ TEST(InferenceReport, WhatDoesNotFitIsNotUsableHoweverWellItWasComputed) {
   EXPECT_EQ(untrusted.sentences.front(), "Computation not trusted: too few.");
 }
 
+/// What the model states in physical units: 1 means 210 GPa.
+TEST(InferenceReport, NumbersOfAParameterAreInItsUnit) {
+  const nlohmann::json content = {
+      {"parameters", {"E", "nu"}},
+      {"mean", {1.01, 0.3}},
+      {"covariance", {{1e-4, 0}, {0, 4e-4}}},
+      {"physical", {{"E", {{"mean", 212.1e9}, {"std", 2.1e9}, {"units", "Pa"}}}}},
+      {"maximum_a_posteriori", {1.0, 0.31}},
+      {"quantiles", {{"levels", {0.025, 0.975}}, {"values", {{0.99, 1.03}, {0.26, 0.34}}}}},
+      {"skewness", {0, 0}},
+      {"kurtosis", {3, 3}},
+      {"method", "grid"},
+      {"trusted", true},
+      {"verdict", "Trusted: grid."},
+      {"ess", 1},
+      {"log_evidence", -3},
+      {"log_evidence_error", 0.1},
+      {"model_evaluations", 10},
+      {"phases", nlohmann::json::array()},
+      {"model_calls", {{"evaluate", 1}, {"gradient", 0}, {"apply_jacobian", 0}, {"apply_hessian", 0}}},
+      {"created_by", "knothe 9"},
+      {"model", "m.h5"},
+      {"seed", 1},
+      {"priors", {"uniform", "uniform"}},
+      {"project", ""},
+      {"figures", {{"posterior", nlohmann::json::array()}}}};
+  const std::string html = inference_report(content, "inference.json");
+  for (const char* row :
+       {"<td data-of=\"parameter\">E</td><td data-of=\"estimate\">212.1 ± 2.1 GPa</td>"
+        "<td data-of=\"most probable\">210.0 GPa</td><td data-of=\"95 % between\">207.9 … 216.3 GPa</td>",
+        "<td data-of=\"parameter\">nu</td><td data-of=\"estimate\">0.300 ± 0.020</td>"
+        "<td data-of=\"most probable\">0.3100</td>"})
+    EXPECT_NE(html.find(row), std::string::npos) << row;
+}
+
 TEST(Page, ResultsAreSaidInWordsForPeople) {
   EXPECT_EQ(result_words(Usability::usable), "usable");
   EXPECT_EQ(result_words(Usability::with_caveats), "usable with caveats");

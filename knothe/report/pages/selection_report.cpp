@@ -91,23 +91,21 @@ void add_result(Page& page, const project::SelectionSetup& setup, const assimila
     const Eigen::Index j = k;
     const double prior = study.prior_std[j], chosen = study.ranked.back().posterior_std[j],
                  all = study.posterior_std_of_all[j];
-    sentences.push_back(fmt::format("{}: standard deviation {} by the chosen dofs, {} by all; prior {}.",
+    sentences.push_back(fmt::format("{}: standard deviation {} from the chosen dofs, {} from all; prior {}.",
                                     names[k], record::readable(chosen), record::readable(all),
                                     record::readable(prior)));
     if (all > k_hardly_determined * prior)
-      doubts.push_back(
-          fmt::format("{} is hardly determined even by all dofs: measure elsewhere, or something "
-                      "else.",
-                      names[k]));
+      doubts.push_back(fmt::format(
+          "All dofs together hardly determine {}: measure elsewhere, or something else.", names[k]));
     else if (chosen > k_much_is_lost * all)
       doubts.push_back(
-          fmt::format("{} would be known {} times better by all dofs: a larger select.count "
-                      "helps.",
-                      names[k], record::readable(chosen / all, 2)));
+          fmt::format("All dofs would determine {} {} times better: a larger select.count helps.", names[k],
+                      record::readable(chosen / all, 2)));
   }
   const bool is_clean = doubts.empty();
   doubts.insert(doubts.end(), sentences.begin(), sentences.end());
-  page.result(is_clean ? Usability::usable : Usability::with_caveats, doubts);
+  page.finding(fmt::format("{} of {} dofs chosen", study.ranked.size(), setup.candidates.size()),
+               is_clean ? Usability::usable : Usability::with_caveats, doubts);
 }
 
 }  // namespace
@@ -150,8 +148,7 @@ std::vector<ordered_json> selection_records(const project::Project& project,
 std::string selection_page(const project::Project& project, const project::SelectionSetup& setup,
                            const assimilation::SelectionStudy& study) {
   const std::vector<std::string> names = setup.model.parameter_names();
-  Page page("Data selection", fmt::format("{}: {} of {} dofs by {}", project.path, study.ranked.size(),
-                                          setup.candidates.size(), to_text(project.select.criterion)));
+  Page page("Data selection", fmt::format("{}, by {}", project.path, to_text(project.select.criterion)));
   const ordered_json record = record_of(setup, study);
   add_result(page, setup, study);
   std::vector<FigurePlace> curves, fields;

@@ -141,7 +141,7 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
                  {"model", std::filesystem::path(project.model).filename().string()},
                  {"steps", contents.time.size()},
                  {"times", contents.time},
-                 {"time", {{"label", "model time"}, {"units", ""}}},
+                 {"time", {{"label", "model time"}, {"units", contents.time_units}}},
                  {"displacements", site.setup().measurements.sensors.displacement_count()},
                  {"scalars", site.setup().measurements.sensors.scalars},
                  {"signal", first_signal(site)}};

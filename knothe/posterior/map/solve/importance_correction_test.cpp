@@ -74,7 +74,7 @@ TEST(ImportanceCorrection, TakesMorePointsWhereWeightsAreUneven) {
   EXPECT_GT(corrected.points.rows(), 1024);
   EXPECT_GT(corrected.density_evaluations, 0);
   EXPECT_FALSE(result.tolerance_reached);
-  EXPECT_NE(result.reason.find("max_order is 1"), std::string::npos);
+  EXPECT_NE(result.reason.find("order 1 is the highest allowed"), std::string::npos);
   EXPECT_FALSE(corrected.trust.trusted);
   EXPECT_NEAR(corrected.weights.sum(), 1, 1e-12);
   EXPECT_NEAR(corrected.log_evidence, 0, 0.1);

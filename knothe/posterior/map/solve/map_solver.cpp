@@ -150,7 +150,7 @@ void MapSolver::solve(LogDensity& user_target, MapResult& result) {
         "the tolerance {:.2g}; {}",
         result.verified_diagnostic, result.order, result.training_diagnostic, options.tolerance,
         climb.no_longer_falls ? "higher orders no longer lower it"
-                              : fmt::format("max_order is {}", options.max_order));
+                              : fmt::format("order {} is the highest allowed", options.max_order));
   result.method = describe_method(result.map.parametrisation(), result.pre_map);
   if (candidate.is_long) result.method += fmt::format(", order {} in the first variable", result.order);
   if (falls_back && work.standard_diagnostic > options.tolerance)
