@@ -79,9 +79,9 @@ def _of_computation(belief: Filter, parameters: "InferenceResult | None") -> lis
         if belief.failed:
             reasons.append(Reason("computation", "caution", f"the model failed for {belief.failed} members, which have no weight", belief.failed, 0.0))
         least = belief.fewest * len(belief.members)
-        if least < 50:
+        if least < 25:
             reasons.append(Reason("computation", "caution", f"at one time only {least:.1f} members were effective: give more members, or jitter",
-                                  least, 50.0))
+                                  least, 25.0))
         elif belief.unmoved:
             reasons.append(Reason("computation", "caution", "members were resampled, and without process noise they stay together: give jitter",
                                   0.0, 0.0))

@@ -190,6 +190,10 @@ class StepModel:
             raise UsageError(f"observe: {len(rows)} states gave an array of shape {seen.shape}: give one row of data for each")
         return seen.reshape(*states.shape[:2], -1)
 
+    def failure(self) -> str:
+        """Why the model failed last, for a message."""
+        return ""
+
     def simulate(self, steps: int, *, inputs: "ArrayLike | None" = None, parameters: "Mapping[str, float] | None" = None,
                  state: "ArrayLike | None" = None, seed: "int | np.random.Generator" = 1, noise: bool = True) -> tuple[Array, Array]:
         """Draws states and data.
@@ -239,7 +243,7 @@ class StepModel:
             added = self.process_noise(points, self.dt) if noise else None
             if added is not None:
                 x = x + root_of(added[0]) @ generator.standard_normal(self.dimension)
-            require_finite(x, (k + 1) * self.dt)
+            require_finite(x, (k + 1) * self.dt, "step", self)
         return np.array(states), np.array(data)
 
     def __repr__(self) -> str:
@@ -321,12 +325,12 @@ class LinearModel(StepModel):
         return states @ h.swapaxes(1, 2) + (feedthrough @ u)[:, None]
 
 
-def require_finite(states: Array, t: float, what: str = "step") -> None:
+def require_finite(states: Array, t: float, what: str, model: StepModel) -> None:
     """Of members in rows."""
     failed = np.flatnonzero(~np.isfinite(states).all(axis=-1))
     if len(failed):
         raise DataError(f"{what}: at time {t:g} the model of member {failed[0]} gave {states[failed[0]]}, which is not finite"
-                        + (f" (and of {len(failed) - 1} more)" if len(failed) > 1 else ""))
+                        + (f" (and of {len(failed) - 1} more)" if len(failed) > 1 else "") + model.failure())
 
 
 def inputs_of(inputs: "ArrayLike | None", steps: int, count: int) -> Array:

@@ -7,7 +7,6 @@ A `StepModel` (or `LinearModel`, `oscillator`, `bouc_wen`, `lugre`, `fmu`) says 
 """
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -229,7 +228,7 @@ class StateEstimate:
         """
         count = count_of(steps, "steps of a forecast")
         low, high = _ends(probability)
-        given, belief, model = inputs_of(inputs, count, self._model.inputs), copy.deepcopy(self._run.belief), self._model
+        given, belief, model = inputs_of(inputs, count, self._model.inputs), self._run.belief.forked(), self._model
         held, t, width = np.vstack([self._last_input[None], given]), float(self.times[-1]), self.innovations.shape[1]
         times, moments, quantiles, data = [], [], [], []
         for k in range(count):
