@@ -84,16 +84,23 @@ def quantiles_of_mixture(weights: Array, means: Array, deviations: Array, levels
     normal = NormalDist()
     if len(weights) == 1:
         return means[0] + np.array([normal.inv_cdf(level) for level in levels])[:, None] * deviations[0]
-    reach = 40 * deviations.max(0) + 1e-300
+    reach = 10 * deviations.max(0)
     low, high = (np.broadcast_to(edge, (len(levels), means.shape[1])).copy() for edge in (means.min(0) - reach, means.max(0) + reach))
-    cumulative = np.vectorize(normal.cdf, otypes=[float])
-    for _ in range(60):
+    for _ in range(40):
         middle = 0.5 * (low + high)
         with np.errstate(divide="ignore", invalid="ignore"):
             scaled = np.nan_to_num((middle[:, None] - means) / deviations, nan=0.0)
-        below = np.tensordot(cumulative(scaled), weights, (1, 0)) < levels[:, None]
+        below = np.tensordot(weights, normal_cumulative(scaled), (0, 1)) < levels[:, None]
         low, high = np.where(below, middle, low), np.where(below, high, middle)
     return 0.5 * (low + high)
+
+
+def normal_cumulative(x: Array) -> Array:
+    """Standard normal distribution function, to 8e-8 (Abramowitz and Stegun 26.2.17)."""
+    t = 1 / (1 + 0.2316419 * np.abs(x))
+    series = t * (0.319381530 + t * (-0.356563782 + t * (1.781477937 + t * (-1.821255978 + t * 1.330274429))))
+    tail = np.exp(-0.5 * np.minimum(x**2, 1400)) / math.sqrt(2 * math.pi) * series
+    return np.asarray(np.where(x > 0, 1 - tail, tail))
 
 
 def log_normal_density(innovation: Array, covariance: Array) -> Array:

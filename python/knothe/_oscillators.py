@@ -38,14 +38,23 @@ def exponential(matrix: Array) -> Array:
 
 
 def discretised(a: Array, b: Array, intensity: Array, dt: float) -> tuple[Array, Array, Array]:
-    """Of dx = (a x + b u) dt + dw, u held over the step, E dw dwᵀ = intensity dt: A, B and Q (Van Loan 1978)."""
+    """Of dx = (a x + b u) dt + dw, u held over the step, E dw dwᵀ = intensity dt: A, B and Q.
+
+    Q by Van Loan 1978 for a fraction of the step, in which nothing decays much, and then by doubling."""
     d, k = b.shape
     held = np.zeros((d + k, d + k))
     held[:d, :d], held[:d, d:] = a * dt, b * dt
     both = exponential(held)
+    norm = np.abs(a * dt).sum(0).max()
+    halvings = max(0, math.ceil(math.log2(norm))) if norm > 0 else 0
+    h = dt / 2.0**halvings
     block = np.zeros((2 * d, 2 * d))
-    block[:d, :d], block[:d, d:], block[d:, d:] = -a * dt, intensity * dt, a.T * dt
-    q = both[:d, :d] @ exponential(block)[:d, d:]
+    block[:d, :d], block[:d, d:], block[d:, d:] = -a * h, intensity * h, a.T * h
+    parts = exponential(block)
+    transition = parts[d:, d:].T
+    q = transition @ parts[:d, d:]
+    for _ in range(halvings):
+        q, transition = q + transition @ q @ transition.T, transition @ transition
     return both[:d, :d], both[:d, d:], 0.5 * (q + q.T)
 
 

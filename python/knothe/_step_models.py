@@ -280,6 +280,7 @@ class LinearModel(StepModel):
                  parameters: "Mapping[str, float] | None" = None, states: "Sequence[str] | None" = None) -> None:
         self.transition, self._observation = transition, observation
         self._kept: "tuple[Points, float, tuple[Array, Array, Array]] | None" = None
+        self._kept_observation: "tuple[Points, tuple[Array, Array]] | None" = None
         super().__init__(transition, self._nothing, mean=mean, covariance=covariance, noise=noise, dt=dt, inputs=inputs, parameters=parameters,
                          states=states)
 
@@ -289,19 +290,22 @@ class LinearModel(StepModel):
 
     def steps(self, points: Points, dt: float) -> tuple[Array, Array, Array]:
         """A, B and Q of all points; kept, as data are mostly evenly spaced."""
-        if self._kept is None or self._kept[0] is not points or self._kept[1] != dt:
+        if self._kept is None or self._kept[0] is not points or abs(self._kept[1] - dt) > 1e-9 * dt:
             d, k = self.dimension, self.inputs
             triples = [tuple(np.asarray(each, float) for each in self.transition(points.at(i), dt)) for i in range(points.count)]
             for matrix, shape, name in zip(triples[0], ((d, d), (d, k), (d, d)), "ABQ"):
                 if matrix.shape != shape:
                     raise UsageError(f"transition: {name} of shape {matrix.shape} for {counted(d, 'state')} and {counted(k, 'input')}: "
                                      f"it must be {shape}")
-            covariance_of(triples[0][2], d, "transition: Q")
+            if points.count == 1:
+                covariance_of(triples[0][2], d, "transition: Q")
             self._kept = points, dt, tuple(np.stack(each) for each in zip(*triples))  # type: ignore[assignment]
         return self._kept[2]  # type: ignore[index]
 
     def observation(self, points: Points) -> tuple[Array, Array]:
-        """H and D of all points, shapes (b, m, d) and (b, m, k)."""
+        """H and D of all points, shapes (b, m, d) and (b, m, k); kept."""
+        if self._kept_observation is not None and self._kept_observation[0] is points:
+            return self._kept_observation[1]
         if not callable(self._observation):
             matrix = np.atleast_2d(numbers(self._observation, "observation"))
             pairs = [(matrix, np.zeros((len(matrix), self.inputs)))]
@@ -311,7 +315,9 @@ class LinearModel(StepModel):
         if h.ndim != 2 or h.shape[1] != self.dimension or feedthrough.shape != (len(h), self.inputs):
             raise UsageError(f"observation: H and D of shapes {h.shape} and {feedthrough.shape} for {counted(self.dimension, 'state')} and "
                              f"{counted(self.inputs, 'input')}")
-        return tuple(np.broadcast_to(np.stack(each), (points.count, *each[0].shape)) for each in zip(*pairs))  # type: ignore[return-value]
+        stacked: Any = tuple(np.broadcast_to(np.stack(each), (points.count, *each[0].shape)) for each in zip(*pairs))
+        self._kept_observation = points, stacked
+        return self._kept_observation[1]
 
     def process_noise(self, points: Points, dt: float) -> "Array | None":
         return self.steps(points, dt)[2]

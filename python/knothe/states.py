@@ -7,7 +7,6 @@ A `StepModel` (or `LinearModel`, `oscillator`, `bouc_wen`, `lugre`, `fmu`) says 
 """
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -25,7 +24,7 @@ from knothe._map_update import Localisation, MapUpdate
 from knothe._oscillators import bouc_wen, lugre, oscillator
 from knothe._posterior import Verdict
 from knothe._step_models import LinearModel, Points, StepModel, inputs_of, with_unknown_input
-from knothe._values import Array, Lognormal, Normal, Prior, Seed, Uniform, count_of, counted, measured_values, numbers, seed_of
+from knothe._values import Array, Prior, Seed, count_of, counted, log_prior, measured_values, numbers, seed_of
 
 _LEVELS = np.array([0.025, 0.05, 0.25, 0.5, 0.75, 0.95, 0.975])
 _GAUSSIAN = ("kalman", "extended", "unscented")
@@ -309,22 +308,6 @@ def _evidence(model: StepModel, method: str, points: Points, data: Array, times:
     return total
 
 
-def _log_prior(priors: Mapping[str, Prior], points: Array) -> Array:
-    total = np.zeros(len(points))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for prior, x in zip(priors.values(), points.T):
-            if isinstance(prior, Normal):
-                total += -0.5 * ((x - prior.mean) / prior.std)**2 - math.log(prior.std * math.sqrt(2 * math.pi))
-            elif isinstance(prior, Lognormal):
-                inside = -0.5 * ((np.log(x) - prior.mu) / prior.sigma)**2 - np.log(x * prior.sigma * math.sqrt(2 * math.pi))
-                total += np.where(x > 0, inside, -np.inf)
-            elif isinstance(prior, Uniform):
-                total += np.where((prior.lower <= x) & (x <= prior.upper), -math.log(prior.upper - prior.lower), -np.inf)
-            else:
-                raise UsageError(f"parameters: {prior!r}: give knothe.Normal, knothe.Uniform or knothe.Lognormal")
-    return total
-
-
 def _given(model: StepModel, data: ArrayLike, times: "ArrayLike | None", inputs: "ArrayLike | None") -> tuple[Array, Array, Array]:
     values = measured_values(data)
     values = values.reshape(-1, 1) if values.ndim == 1 else values
@@ -457,7 +440,7 @@ def _with_parameters(model: StepModel, method: str, data: Array, times: Array, i
         return Points({**model.parameters, **dict(zip(names, values.T))}, len(values))
 
     def log_posterior(values: Array) -> Array:
-        prior = _log_prior(priors, values)
+        prior = log_prior(priors, values)
         result = np.full(len(values), -np.inf)
         possible = np.flatnonzero(np.isfinite(prior))
         if len(possible):

@@ -1,0 +1,505 @@
+"""Health from modes: loss of stiffness from natural frequencies and mode shapes, with the temperature as a known input.
+
+>>> import knothe.modes
+
+Modes as they are identified from vibrations have no sign, scale or order that could be relied upon, and some are missing or spurious.
+`log_likelihood` sums over all pairs of identified and model modes; `assess` compares an inspection with a baseline: healthy, or which element
+has lost how much.
+"""
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from knothe import _notebook
+from knothe._errors import UsageError
+from knothe._inference import InferenceResult, infer
+from knothe._innovations import chi_squared_above
+from knothe._posterior import Reason, Verdict
+from knothe._values import Array, ByValue, Prior, Seed, counted, log_prior, numbers
+
+Structure = Callable[[Mapping[str, Any], float], "tuple[ArrayLike, ArrayLike]"]
+_MOST_MODES = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Modes(ByValue):
+    """Modes identified in one session.
+
+    Parameters
+    ----------
+    frequencies : array_like, shape (e,)
+        Natural frequencies, Hz, in any order.
+    shapes : array_like, shape (e, s), optional
+        Of each its values at s sensors, of any sign and scale.
+    temperature : float
+        Of the structure, in the unit that the model has.
+
+    Raises
+    ------
+    UsageError
+        Frequencies that are not > 0, or shapes that do not fit.
+
+    Examples
+    --------
+    >>> knothe.modes.Modes([1.2, 3.5], [[0.5, 1.0], [1.0, -0.4]], temperature=12.0).temperature
+    12.0
+    """
+
+    frequencies: ArrayLike
+    shapes: "ArrayLike | None" = None
+    temperature: float = 0.0
+
+    def __post_init__(self) -> None:
+        frequencies = numbers(self.frequencies, "frequencies").ravel()
+        if not len(frequencies) or not np.all(np.isfinite(frequencies) & (frequencies > 0)):
+            raise UsageError(f"Modes: frequencies {self.frequencies!r}: give at least one, in Hz, > 0; leave out a mode that was not identified")
+        object.__setattr__(self, "frequencies", frequencies)
+        if not np.isfinite(self.temperature):
+            raise UsageError(f"Modes: a temperature of {self.temperature!r}")
+        if self.shapes is not None:
+            shapes = np.atleast_2d(numbers(self.shapes, "shapes"))
+            if len(shapes) != len(frequencies) or shapes.shape[1] < 2:
+                raise UsageError(f"Modes: shapes of shape {shapes.shape} for {counted(len(frequencies), 'frequency').replace('ys', 'ies')}: give a row "
+                                 "for each, at two sensors or more")
+            norms = np.linalg.norm(shapes, axis=1)
+            if not np.all(np.isfinite(norms) & (norms > 0)):
+                raise UsageError("Modes: a mode shape is zero or not finite")
+            object.__setattr__(self, "shapes", shapes)
+
+
+def of_matrices(stiffness: ArrayLike, mass: ArrayLike, sensors: "Sequence[int] | None" = None) -> tuple[Array, Array]:
+    """Natural frequencies and mode shapes of K x = w² M x; also of many structures at once.
+
+    Parameters
+    ----------
+    stiffness, mass : array_like, shape (..., n, n)
+        N/m and kg; symmetric, M positive definite.
+    sensors : sequence of int, optional
+        Degrees of freedom at which shapes are wanted; else all.
+
+    Returns
+    -------
+    frequencies : ndarray, shape (..., n)
+        Hz, rising; 0 of a structure that is not stable.
+    shapes : ndarray, shape (..., n, s)
+        A mode in each row.
+
+    Examples
+    --------
+    >>> frequencies, shapes = knothe.modes.of_matrices([[2.0, -1.0], [-1.0, 1.0]], np.eye(2))
+    >>> (2 * np.pi * frequencies).round(3)
+    array([0.618, 1.618])
+    """
+    k, m = numbers(stiffness, "stiffness"), numbers(mass, "mass")
+    inverse = np.linalg.inv(np.linalg.cholesky(m))
+    values, vectors = np.linalg.eigh(inverse @ k @ inverse.swapaxes(-1, -2))
+    shapes = (inverse.swapaxes(-1, -2) @ vectors).swapaxes(-1, -2)
+    return np.sqrt(np.maximum(values, 0.0)) / (2 * math.pi), shapes if sensors is None else shapes[..., list(sensors)]
+
+
+def frame(stiffness: Sequence[ArrayLike], mass: Sequence[float]) -> tuple[Array, Array]:
+    """Natural frequencies and mode shapes of a frame with rigid floors; also of many at once.
+
+    Parameters
+    ----------
+    stiffness : sequence of n float or arrays of one shape
+        Of each storey against shear, N/m, from the ground up.
+    mass : sequence of n float
+        Of each floor, kg.
+
+    Returns
+    -------
+    frequencies, shapes
+        As of `of_matrices`.
+
+    Examples
+    --------
+    >>> frequencies, _ = knothe.modes.frame([4e6, 4e6], [1e4, 1e4])
+    >>> frequencies.round(2)
+    array([1.97, 5.15])
+    """
+    storeys = np.stack(np.broadcast_arrays(*[np.asarray(k, float) for k in stiffness]), -1)
+    n = len(mass)
+    if storeys.shape[-1] != n:
+        raise UsageError(f"frame: {storeys.shape[-1]} storeys and {counted(n, 'floor')}")
+    k = np.zeros((*storeys.shape[:-1], n, n))
+    for i in range(n):
+        k[..., i, i] += storeys[..., i]
+        if i:
+            k[..., i - 1, i - 1] += storeys[..., i]
+            k[..., i, i - 1] -= storeys[..., i]
+            k[..., i - 1, i] -= storeys[..., i]
+    return of_matrices(k, np.diag(np.asarray(mass, float)))
+
+
+def assurance(one: ArrayLike, other: ArrayLike) -> Array:
+    """Modal assurance criterion (Allemang 2003): 1 for modes of one shape, whatever their signs and scales, 0 for orthogonal ones.
+
+    Parameters
+    ----------
+    one : array_like, shape (e, s)
+    other : array_like, shape (..., r, s)
+
+    Returns
+    -------
+    ndarray, shape (..., e, r)
+
+    Examples
+    --------
+    >>> knothe.modes.assurance([[1.0, 1.0]], [[-2.0, -2.0], [1.0, -1.0]])
+    array([[1., 0.]])
+    """
+    a, b = np.asarray(one, float), np.asarray(other, float)
+    products = np.abs(a @ b.swapaxes(-1, -2))**2
+    sizes = (a**2).sum(-1)[:, None] * np.maximum((b**2).sum(-1), 1e-300)[..., None, :]
+    return np.asarray(products / sizes)
+
+
+def _log_watson_constant(concentration: float, sensors: int) -> float:
+    """Logarithm of the mean over all directions of exp(concentration MAC): the constant of Watson's distribution (Mardia and Jupp 2000, 9.4.2)."""
+    angle = np.linspace(0, 0.5 * math.pi, 20001)
+    # near the pole the integrand is narrow: nodes that crowd there
+    angle = 0.5 * math.pi * (1 - (1 - angle / (0.5 * math.pi))**2)
+    density = np.cos(angle)**(sensors - 2)
+    integrand = np.exp(concentration * (np.sin(angle)**2 - 1)) * density
+    return concentration + math.log(float(np.trapz(integrand, angle) / np.trapz(density, angle)))
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """How well modes are identified.
+
+    Parameters
+    ----------
+    frequency : float
+        Standard deviation of a natural frequency, as a share of it.
+    shape : float
+        Of each value of a mode shape, as a share of its norm.
+    spurious : float
+        Probability that a mode is none of the model's.
+
+    Examples
+    --------
+    >>> knothe.modes.Scatter(0.005, 0.03)
+    Scatter(frequency=0.005, shape=0.03, spurious=0.01)
+    """
+
+    frequency: float
+    shape: float = 0.05
+    spurious: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not (0 < self.frequency < 1 and 0 < self.shape < 1 and 0 <= self.spurious < 1):
+            raise UsageError(f"{self!r}: frequency and shape are shares between 0 and 1, spurious is a probability below 1")
+
+
+def log_likelihood(session: Modes, frequencies: ArrayLike, shapes: "ArrayLike | None", scatter: Scatter) -> Array:
+    """Logarithm of the density of identified modes, for many structures at once.
+
+    Each identified mode is one of the model's, no two the same, or spurious; all ways of pairing are summed. A pair has a log-normal density of
+    the frequency, and of the shape Watson's density, exp(MAC / (2 shape²)) normalised, which knows neither sign nor scale. Spurious
+    modes have any direction, and frequencies spread evenly in logarithm over a decade.
+
+    Parameters
+    ----------
+    session : Modes
+        e modes.
+    frequencies : array_like, shape (n, r)
+        Of n structures, r modes, Hz.
+    shapes : array_like, shape (n, r, s), or None
+        At the sensors.
+    scatter : Scatter
+
+    Returns
+    -------
+    ndarray, shape (n,)
+
+    Raises
+    ------
+    UsageError
+        Shapes at another number of sensors, or more than 12 modes.
+
+    Examples
+    --------
+    The order does not matter:
+
+    >>> f, phi = knothe.modes.frame([4e6, 4e6], [1e4, 1e4])
+    >>> scatter = knothe.modes.Scatter(0.01)
+    >>> one, other = (knothe.modes.log_likelihood(knothe.modes.Modes(f[order], phi[order]), f[None], phi[None], scatter)
+    ...               for order in ([0, 1], [1, 0]))
+    >>> bool(abs(one - other)[0] < 1e-12)
+    True
+    """
+    own = np.atleast_2d(np.asarray(frequencies, float))
+    measured, r = np.asarray(session.frequencies), own.shape[1]
+    if r > _MOST_MODES:
+        raise UsageError(f"log_likelihood: {r} modes of the model: give the lowest {_MOST_MODES}, or fewer")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        apart = (np.log(measured)[:, None] - np.log(own)[:, None, :]) / scatter.frequency
+    pairs = -0.5 * apart**2 - math.log(scatter.frequency * math.sqrt(2 * math.pi)) - np.log(measured)[:, None]
+    alone = -math.log(math.log(10)) - np.log(measured)
+    if session.shapes is not None and shapes is not None:
+        modes = np.asarray(shapes, float).reshape(len(own), r, -1)
+        sensors = np.shape(session.shapes)[1]
+        if modes.shape[2] != sensors:
+            raise UsageError(f"log_likelihood: mode shapes at {counted(sensors, 'sensor')}, but the model has them at {modes.shape[2]}")
+        concentration = 0.5 / scatter.shape**2
+        pairs = pairs + concentration * assurance(session.shapes, modes) - _log_watson_constant(concentration, sensors)
+    return _summed_over_pairings(np.where(np.isnan(pairs), -np.inf, pairs), alone, scatter.spurious)
+
+
+def _summed_over_pairings(pairs: Array, alone: Array, spurious: float) -> Array:
+    """Over all ways in which e modes are different ones of r, or spurious; (n, e, r) and (e,). By dynamic programming over the sets of model modes
+    that are taken. Without spurious modes each of the r! / (r - e)! ways has the same probability."""
+    n, e, r = pairs.shape
+    # sums[taken] over the modes so far; a choice among those that are left has equal probabilities
+    sums: dict[int, Array] = {0: np.zeros(n)}
+    log_spurious = math.log(spurious) if spurious > 0 else -math.inf
+    for j in range(e):
+        following: dict[int, Array] = {}
+        for taken, total in sums.items():
+            free = [i for i in range(r) if not taken >> i & 1]
+            choices = [(taken | 1 << i, pairs[:, j, i] + math.log1p(-spurious) - math.log(len(free))) for i in free]
+            if spurious > 0:
+                choices.append((taken, np.full(n, alone[j] + log_spurious)))
+            for now, value in choices:
+                following[now] = np.logaddexp(following[now], total + value) if now in following else total + value
+        sums = following
+    if not sums:
+        return np.full(n, -np.inf)
+    return np.asarray(np.logaddexp.reduce(np.stack(list(sums.values())), axis=0))
+
+
+class Health:
+    """The result of `assess`.
+
+    Attributes
+    ----------
+    probability : float
+        That an element has lost stiffness.
+    elements : dict of str to float
+        For each element the probability that it is the one.
+    loss, loss_std : dict of str to float
+        Of each its loss of stiffness, if it is the one: posterior mean and standard deviation, shares.
+    loss_interval : dict of str to (float, float)
+        That hold it with 90 %.
+    alarm : bool
+        Whether `probability` exceeds 0.9. With a prior probability of 0.1 that happens to at most one healthy structure in 81.
+    baseline : InferenceResult
+        Posterior of the healthy structure's parameters.
+    verdict : Verdict
+        Whether the frequencies of the inspection are those of any of the cases (``fit``), and the baseline's computation good enough.
+    trusted : bool
+    remark : str
+
+    Examples
+    --------
+    >>> f = lambda k: knothe.modes.frame([k, 1.0], [1e-3, 1e-3])
+    >>> structure = lambda p, temperature: f(p["k"])
+    >>> knothe.modes.assess(structure, [knothe.modes.Modes(*f(1.0))], [knothe.modes.Modes(*f(0.75))], {"k": knothe.Lognormal(0, 0.3)},
+    ...                     ["k"], knothe.modes.Scatter(0.005))
+    <Health: damage in k with probability > 99.9 %, loss 25 %. Result: usable>
+    """
+
+    def __init__(self, log_odds: Mapping[str, float], losses: Mapping[str, "tuple[Array, Array]"], damage: float, baseline: InferenceResult,
+                 verdict: Verdict) -> None:
+        logarithms = np.array([math.log1p(-damage), *(math.log(damage / len(log_odds)) + value for value in log_odds.values())])
+        weights = np.exp(logarithms - logarithms.max())
+        weights /= weights.sum()
+        self.probability = float(weights[1:].sum())
+        self.elements = dict(zip(log_odds, weights[1:].tolist()))
+        self.loss = {name: float(w @ x) for name, (x, w) in losses.items()}
+        self.loss_std = {name: math.sqrt(float(w @ (x - self.loss[name])**2)) for name, (x, w) in losses.items()}
+        self.loss_interval: dict[str, tuple[float, float]] = {
+            name: tuple(np.interp([0.05, 0.95], np.cumsum(w), x).tolist()) for name, (x, w) in losses.items()}
+        self.baseline, self.verdict = baseline, verdict
+        self.trusted, self.remark = baseline.trusted, baseline.remark
+
+    @property
+    def alarm(self) -> bool:
+        return self.probability > 0.9
+
+    @property
+    def located(self) -> str:
+        """The element that has most probably lost stiffness.
+
+        Examples
+        --------
+        >>> structure = lambda p, temperature: knothe.modes.frame([p["k"], 1.0], [1e-3, 1e-3])
+        >>> same = knothe.modes.Modes(*structure({"k": 1.0}, 0.0))
+        >>> healthy = knothe.modes.assess(structure, [same], [same], {"k": knothe.Lognormal(0, 0.3)}, ["k"], knothe.modes.Scatter(0.005))
+        >>> healthy.located, healthy.alarm
+        ('k', False)
+        """
+        return max(self.elements, key=lambda name: self.elements[name])
+
+    def __repr__(self) -> str:
+        where = self.located
+        share = _notebook.percent(self.probability)
+        said = f"damage in {where} with probability {share}, loss {100 * self.loss[where]:.0f} %" if self.alarm else f"damage with probability {share}"
+        return f"<Health: {said}. {_notebook.WORDS[self.verdict.level]}>"
+
+    def _repr_html_(self) -> str:
+        rows = [(name, _notebook.percent(share), f"{100 * self.loss[name]:.0f} ± {100 * self.loss_std[name]:.0f} %")
+                for name, share in self.elements.items()]
+        return self.verdict._repr_html_() + _notebook.table(repr(self).strip("<>"), ("element", "probability of damage", "loss, if so"), rows, "",
+                                                            self.verdict.level)
+
+
+class _Compared:
+    """A structure against sessions, at many points of its parameters."""
+
+    def __init__(self, structure: Structure, scatter: Scatter, vectorized: bool) -> None:
+        self.structure, self.scatter, self.vectorized = structure, scatter, vectorized
+
+    def modes(self, p: Mapping[str, Array], temperature: float) -> tuple[Array, "Array | None"]:
+        count = len(next(iter(p.values())))
+        if self.vectorized:
+            frequencies, shapes = self.structure(p, temperature)
+        else:
+            answers = [self.structure({name: float(value[k]) for name, value in p.items()}, temperature) for k in range(count)]
+            frequencies = np.array([each[0] for each in answers], float)
+            shapes = None if answers[0][1] is None else np.array([each[1] for each in answers], float)
+        f = np.asarray(frequencies, float)
+        if f.ndim != 2 or len(f) != count:
+            raise UsageError(f"structure: frequencies of shape {f.shape} for {counted(count, 'structure')}: give a row for each, or leave out vectorized")
+        return f, None if shapes is None else np.asarray(shapes, float)
+
+    def log_likelihood(self, p: Mapping[str, Array], sessions: Sequence[Modes]) -> Array:
+        total: Array = np.zeros(len(next(iter(p.values()))))
+        known: dict[float, tuple[Array, "Array | None"]] = {}
+        for session in sessions:
+            if session.temperature not in known:
+                known = {session.temperature: self.modes(p, session.temperature)}
+            total = total + log_likelihood(session, *known[session.temperature], self.scatter)
+        return total
+
+
+def assess(structure: Structure, baseline: Sequence[Modes], inspection: Sequence[Modes], parameters: Mapping[str, Prior], elements: Sequence[str],
+           scatter: Scatter, *, damage: float = 0.1, largest_loss: float = 0.9, vectorized: bool = True, draws: int = 400,
+           inference: "Mapping[str, Any] | None" = None, seed: Seed = 1) -> Health:
+    """Whether a structure has lost stiffness since its baseline, where, and how much.
+
+    The baseline gives the posterior of the healthy structure's parameters (by `infer`). The inspection's evidence, averaged over it, is then
+    compared between the healthy structure and a loss in each of the elements, evenly distributed before the data.
+
+    Parameters
+    ----------
+    structure : callable
+        ``structure(p, temperature)``: frequencies and mode shapes at the sensors (or None), as of `frame` and `of_matrices`; p maps names to
+        arrays of n.
+    baseline, inspection : sequence of Modes
+    parameters : mapping of name to Normal, Uniform or Lognormal
+        Priors of the healthy structure's parameters, those of the temperature's effect among them.
+    elements : sequence of str
+        Parameters that are stiffnesses which may be lost, one of them at a time.
+    scatter : Scatter
+    damage : float
+        Prior probability that one has lost stiffness.
+    largest_loss : float
+        Share.
+    vectorized : bool
+        If false, `structure` is called with numbers, for one structure at a time.
+    draws : int
+        Of the baseline's posterior.
+    inference : mapping, optional
+        Further arguments of `infer`.
+    seed : int or numpy.random.Generator
+
+    Returns
+    -------
+    Health
+
+    Raises
+    ------
+    UsageError
+        No sessions, an element that is no parameter, or arrays that do not fit.
+
+    Examples
+    --------
+    A frame that softens by 0.2 % per kelvin, inspected on a warm day:
+
+    >>> def structure(p, temperature):
+    ...     softer = 1 - p["softening"] * temperature
+    ...     return knothe.modes.frame([p[f"k{i}"] * softer for i in range(3)], [1.0, 1.0, 1.0])
+    >>> priors = {**{f"k{i}": knothe.Lognormal(np.log(1000), 0.2) for i in range(3)}, "softening": knothe.Normal(0, 0.003)}
+    >>> healthy = {**{f"k{i}": np.array([1000.0]) for i in range(3)}, "softening": np.array([0.002])}
+    >>> measured = lambda p, t: knothe.modes.Modes(*(each[0] for each in structure(p, t)), temperature=t)
+    >>> baseline = [measured(healthy, t) for t in (0.0, 10.0, 20.0)]
+    >>> warm = [measured(healthy, 30.0)]
+    >>> knothe.modes.assess(structure, baseline, warm, priors, ["k0", "k1", "k2"], knothe.modes.Scatter(0.005)).alarm
+    False
+    """
+    if not baseline or not inspection:
+        raise UsageError("assess: give at least one session of the baseline and one of the inspection")
+    unknown = [name for name in elements if name not in parameters]
+    if unknown or not elements:
+        raise UsageError(f"assess: elements {', '.join(unknown) or 'none'}: there are parameters {', '.join(parameters)}")
+    if not (0 < damage < 1 and 0 < largest_loss < 1):
+        raise UsageError(f"assess: damage={damage!r} and largest_loss={largest_loss!r} are between 0 and 1")
+    compared, names = _Compared(structure, scatter, vectorized), list(parameters)
+    sessions = sorted(baseline, key=lambda session: session.temperature)  # those of one temperature one after the other
+
+    def log_posterior(values: Array) -> Array:
+        prior = log_prior(parameters, values)
+        result = np.full(len(values), -np.inf)
+        possible = np.flatnonzero(np.isfinite(prior))
+        if len(possible):
+            result[possible] = prior[possible] + compared.log_likelihood(dict(zip(names, values[possible].T)), sessions)
+        return result
+
+    found = infer(log_posterior, parameters, vectorized=True, **{"seed": seed, **(inference or {})})
+    drawn = dict(zip(names, found.draws(draws).T))
+    nodes, node_weights = np.polynomial.legendre.leggauss(60)
+    losses, node_weights = 0.5 * largest_loss * (nodes + 1), 0.5 * node_weights
+
+    def evidence_of(element: "str | None") -> tuple[float, Array]:
+        """log E p(inspection) over the baseline's posterior and the loss, and the weights of the losses."""
+        grid = losses if element is not None else np.zeros(1)
+        p = {name: np.repeat(value, len(grid)) for name, value in drawn.items()}
+        if element is not None:
+            p[element] = p[element] * np.tile(1 - grid, draws)
+        values = compared.log_likelihood(p, inspection).reshape(draws, -1)
+        largest = values.max()
+        by_loss = np.exp(values - largest).mean(0) * (node_weights if element is not None else 1.0)
+        return float(largest + math.log(by_loss.sum())), by_loss / by_loss.sum()
+
+    healthy, _ = evidence_of(None)
+    damaged = {name: evidence_of(name) for name in elements}
+    reasons = _misfit(compared, drawn, inspection, healthy, {name: value for name, (value, _) in damaged.items()},
+                      {name: float(weights @ losses) for name, (_, weights) in damaged.items()})
+    if not found.trusted:
+        reasons.append(Reason("computation", "caution", f"the baseline's posterior is not trusted: {found.remark}", 0.0, 0.0))
+    level = "reject" if any(reason.level == "reject" for reason in reasons) else "caution" if reasons else "ok"
+    verdict = Verdict(level, reasons, 1.0, np.zeros(0), np.zeros(0))
+    return Health({name: value - healthy for name, (value, _) in damaged.items()}, {name: (losses, weights) for name, (_, weights) in damaged.items()},
+                  damage, found, verdict)
+
+
+def _misfit(compared: _Compared, drawn: Mapping[str, Array], inspection: Sequence[Modes], healthy: float, damaged: Mapping[str, float],
+            loss: Mapping[str, float]) -> list[Reason]:
+    """Are the frequencies those of the case that explains them best? Each against the nearest one of the model, at the baseline's mean."""
+    best = max(damaged, key=lambda name: damaged[name])
+    p = {name: np.array([value.mean()]) for name, value in drawn.items()}
+    if damaged[best] > healthy:
+        p[best] = p[best] * (1 - loss[best])
+    total, count = 0.0, 0
+    spread = [np.log(compared.modes(drawn, session.temperature)[0]).std(0) for session in inspection]
+    for session, own_spread in zip(inspection, spread):
+        apart = np.log(np.asarray(session.frequencies))[:, None] - np.log(compared.modes(p, session.temperature)[0][0])
+        nearest = np.abs(apart).argmin(1)
+        scaled = apart[np.arange(len(nearest)), nearest]**2 / (compared.scatter.frequency**2 + own_spread[nearest]**2)
+        total, count = total + float(scaled.sum()), count + len(scaled)
+    probability = chi_squared_above(total, count)
+    if probability < 3e-5:
+        factor = math.sqrt(total / count)
+        return [Reason("fit", "reject" if probability < 1e-12 or factor > 1.5 else "caution", f"the frequencies fit neither the healthy structure nor the "
+                       f"loss of one element: they are {factor:.2g} times as far away as their scatter (probability {probability:.1g}): several "
+                       "elements, or another cause", factor, 1.5)]
+    return []
