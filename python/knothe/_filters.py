@@ -119,7 +119,7 @@ class Gaussian:
     def __init__(self, model: StepModel, points: Points, kind: str, weights: "Array | None" = None, keep: bool = True) -> None:
         self.model, self.points, self.kind = model, points, kind
         self.weights = np.full(points.count, 1 / points.count) if weights is None else weights
-        self.mean, self.covariance = model.initial(points)
+        self.mean, self.covariance = model._first(points)
         self.steps: "list[Step] | None" = [] if keep else None
         self._noise: "Array | None" = None
         d = model.dimension
@@ -156,23 +156,23 @@ class Gaussian:
         before, model = (self.mean, self.covariance), self.model
         if self.kind == "unscented":
             states = self._sigma_points()
-            self.mean, after = self._weighted(model.advance(states, self.points, u, t, dt))
+            self.mean, after = self._weighted(model._advance(states, self.points, u, t, dt))
             cross = self._weighted(states)[1].swapaxes(1, 2) @ after
             covariance = after.swapaxes(1, 2) @ after
         else:
             if self.kind == "extended":
                 states, apart = self._stencil()
-                values = model.advance(states, self.points, u, t, dt)
+                values = model._advance(states, self.points, u, t, dt)
                 self.mean, transition = values[:, 0], self._derivative(values, apart)
             else:
                 assert isinstance(model, LinearModel)
-                transition = model.steps(self.points, dt)[0]
-                self.mean = model.advance(self.mean[:, None], self.points, u, t, dt)[:, 0]
+                transition = model._matrices(self.points, dt)[0]
+                self.mean = model._advance(self.mean[:, None], self.points, u, t, dt)[:, 0]
             cross = self.covariance @ transition.swapaxes(1, 2)
             covariance = transition @ cross
         if self.points.count == 1:
             require_finite(self.mean, t + dt, "step", model)
-        added = model.process_noise(self.points, dt)
+        added = model._added_noise(self.points, dt)
         self.covariance = symmetric(covariance if added is None else covariance + added)
         if self.steps is not None:
             self.steps.append(Step(*before, self.mean, self.covariance, cross))
@@ -182,15 +182,15 @@ class Gaussian:
         model = self.model
         if self.kind == "unscented":
             states = self._sigma_points()
-            mean, apart = self._weighted(model.observed(states, self.points, u, t))
+            mean, apart = self._weighted(model._seen(states, self.points, u, t))
             return mean, apart.swapaxes(1, 2) @ apart, self._weighted(states)[1].swapaxes(1, 2) @ apart, None
         if self.kind == "extended":
             states, distance = self._stencil()
-            values = model.observed(states, self.points, u, t)
+            values = model._seen(states, self.points, u, t)
             mean, slope = values[:, 0], self._derivative(values, distance)
         else:
             assert isinstance(model, LinearModel)
-            mean, slope = model.observed(self.mean[:, None], self.points, u, t)[:, 0], model.observation(self.points)[0]
+            mean, slope = model._seen(self.mean[:, None], self.points, u, t)[:, 0], model._observation_matrices(self.points)[0]
         cross = self.covariance @ slope.swapaxes(1, 2)
         return mean, slope @ cross, cross, slope
 
@@ -199,7 +199,7 @@ class Gaussian:
         if not len(seen):
             return Update(seen, np.zeros(0), np.zeros((0, 0)), np.zeros(self.points.count))
         if self._noise is None:
-            self._noise = self.model.noise(self.points, len(data))
+            self._noise = self.model._data_noise(self.points, len(data))
         noise = self._noise[:, seen[:, None], seen]
         mean, spread, cross, slope = self._seen(u, t)
         require_width(mean, data)
@@ -230,7 +230,7 @@ class Gaussian:
 
     def data_moments(self, u: Array, t: float, count: int) -> tuple[Array, Array]:
         mean, spread, _, _ = self._seen(u, t)
-        return of_mixture(self.weights, mean, symmetric(spread + self.model.noise(self.points, count)))
+        return of_mixture(self.weights, mean, symmetric(spread + self.model._data_noise(self.points, count)))
 
 
 def smooth(steps: "list[Step]", mean: Array, covariance: Array) -> tuple[Array, Array]:
@@ -260,7 +260,7 @@ class Ensemble:
     def __init__(self, model: StepModel, points: Points, members: int, generator: np.random.Generator, inflation: float = 1.0,
                  taper: "Array | None" = None) -> None:
         self.model, self.points, self.generator, self.inflation, self.taper = model, points, generator, inflation, taper
-        mean, covariance = model.initial(points)
+        mean, covariance = model._first(points)
         self.members = mean + self._drawn(members, covariance[0])
         self.weights = np.full(members, 1 / members)
         self._noise: "Array | None" = None
@@ -269,9 +269,9 @@ class Ensemble:
         return np.asarray(self.generator.standard_normal((count, len(covariance))) @ root_of(covariance).T)
 
     def predict(self, u: Array, t: float, dt: float) -> None:
-        self.members = self.model.advance(self.members[None], self.points, u, t, dt)[0]
+        self.members = self.model._advance(self.members[None], self.points, u, t, dt)[0]
         self._require_states(t + dt)
-        added = self.model.process_noise(self.points, dt)
+        added = self.model._added_noise(self.points, dt)
         if added is not None and np.any(added):
             self.members = self.members + self._drawn(len(self.members), added[0])
 
@@ -280,11 +280,11 @@ class Ensemble:
 
     def noise(self, count: int) -> Array:
         if self._noise is None:
-            self._noise = self.model.noise(self.points, count)[0]
+            self._noise = self.model._data_noise(self.points, count)[0]
         return self._noise
 
     def _observed(self, u: Array, t: float) -> Array:
-        seen = self.model.observed(self.members[None], self.points, u, t)[0]
+        seen = self.model._seen(self.members[None], self.points, u, t)[0]
         require_finite(seen[self.weights > 0], t, "observe", self.model)
         return seen
 
@@ -375,24 +375,24 @@ class Particles(Ensemble):
         super().__init__(model, points, members, generator)
         self.jitter = jitter
         self.failed, self.fewest, self.unmoved = 0, 1.0, False
-        mean, covariance = model.initial(points)
+        mean, covariance = model._first(points)
         self._before, self._root = np.broadcast_to(mean, self.members.shape).copy(), root_of(covariance[0])
         self._chosen = np.zeros((members, self._root.shape[1]))
         self._chosen[:] = np.linalg.lstsq(self._root, (self.members - self._before).T, rcond=None)[0].T
         self._step_size = 0.5
 
     def predict(self, u: Array, t: float, dt: float) -> None:
-        x = self.model.advance(self.members[None], self.points, u, t, dt)[0]
+        x = self.model._advance(self.members[None], self.points, u, t, dt)[0]
         failed = ~np.isfinite(x).all(1) & (self.weights > 0)
         if failed.any():
             self.failed += int(failed.sum())
             self.weights = np.where(failed, 0.0, self.weights)
             if not self.weights.sum() > 0:
-                raise NumericalError(f"particle: at time {t + dt:g} the model of every member has failed{self.model.failure()}")
+                raise NumericalError(f"particle: at time {t + dt:g} the model of every member has failed{self.model._failure()}")
             self.weights /= self.weights.sum()
         lost = ~np.isfinite(x).all(1)
         x[lost] = x[np.flatnonzero(~lost)[0]]  # a finite place without weight
-        added = self.model.process_noise(self.points, dt)
+        added = self.model._added_noise(self.points, dt)
         d = x.shape[1]
         self._before, self._root = x, np.zeros((d, d)) if added is None else root_of(added[0])
         self._chosen = self.generator.standard_normal((len(x), d))

@@ -92,7 +92,7 @@ class FmuModel(StepModel):
     def __init__(self, process: _Process, outputs: Sequence[str], **options: Any) -> None:
         self._process, self._why = process, ""
         self._outputs, self._names = list(outputs), list(options["parameters"])
-        super().__init__(self._advance, self._measure, **options)
+        super().__init__(self._step_fmu, self._measure, **options)
 
     def _run(self, what: str, x: Array, p: Parameters, u: Array, t: float, dt: float, width: int) -> Array:
         parameters = np.column_stack([np.broadcast_to(p[name], len(x)) for name in self._names]) if self._names else np.zeros((len(x), 0))
@@ -100,7 +100,7 @@ class FmuModel(StepModel):
         self._why = f": the FMU failed: {why}" if why else ""
         return result
 
-    def _advance(self, x: Array, p: Parameters, u: Array, t: float, dt: float) -> Array:
+    def _step_fmu(self, x: Array, p: Parameters, u: Array, t: float, dt: float) -> Array:
         return self._run("advance", x, p, u, t, dt, x.shape[1])
 
     def _measure(self, x: Array, p: Parameters, u: Array, t: float) -> Array:
@@ -108,7 +108,7 @@ class FmuModel(StepModel):
             return x[:, [self.states.index(name) for name in self._outputs]]
         return self._run("observe", x, p, u, t, 0.0, len(self._outputs))
 
-    def failure(self) -> str:
+    def _failure(self) -> str:
         return self._why
 
 

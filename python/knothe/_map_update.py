@@ -79,7 +79,7 @@ class Localisation:
         apart = np.abs(np.subtract.outer(np.arange(states), np.arange(states)))
         return cls(np.minimum(apart, states - apart), radius, observed)
 
-    def taper(self) -> Array:
+    def _taper(self) -> Array:
         """Gaspari and Cohn 1999, Eq. 4.10, shape (m, 2, d): between each datum and the states; in the second row the data, at their places."""
         def function(distances: Array) -> Array:
             r = distances / self.radius

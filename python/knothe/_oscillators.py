@@ -297,7 +297,7 @@ def lugre(mass: Quantity, damping: Quantity, stiffness: Quantity, *, coulomb: Qu
     Below its static friction it sticks:
 
     >>> model = knothe.states.lugre(1.0, 0.0, 0.0, coulomb=1.0, static=1.5, stribeck=0.01, sigma0=1e4, sigma1=200.0, dt=0.01, noise=1e-6)
-    >>> states, _ = model.simulate(100, inputs=np.full(100, 1.4), noise=False)
+    >>> states, _ = model.simulate(100, inputs=np.full(100, 0.9), noise=False)
     >>> bool(abs(states[-1, 0]) < 2e-4)
     True
     """

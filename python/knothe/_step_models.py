@@ -128,10 +128,10 @@ class StepModel:
         self.dt, self.inputs, self.vectorized = float(dt), int(inputs), bool(vectorized)
         self._step, self._mean, self._covariance, self._noise, self._process_noise = step, mean, covariance, noise, process_noise
         self._observe: "Callable[..., ArrayLike] | None" = observe if callable(observe) else None  # type: ignore[assignment]
-        self.matrix: "Array | None" = None if callable(observe) else np.atleast_2d(numbers(observe, "observe"))
+        self._matrix: "Array | None" = None if callable(observe) else np.atleast_2d(numbers(observe, "observe"))
         self.dimension = len(self._initial_mean(self.parameters))
-        if self.matrix is not None and self.matrix.shape[1] != self.dimension:
-            raise UsageError(f"StepModel: an observation matrix of shape {self.matrix.shape} for {counted(self.dimension, 'state')}")
+        if self._matrix is not None and self._matrix.shape[1] != self.dimension:
+            raise UsageError(f"StepModel: an observation matrix of shape {self._matrix.shape} for {counted(self.dimension, 'state')}")
         self.states = [f"x{k}" for k in range(self.dimension)] if states is None else [str(name) for name in states]
         if len(self.states) != self.dimension:
             raise UsageError(f"StepModel: {counted(len(self.states), 'name')} for {counted(self.dimension, 'state')}")
@@ -142,7 +142,7 @@ class StepModel:
     def _initial_mean(self, p: Parameters) -> Array:
         return numbers(self._mean(p) if callable(self._mean) else self._mean, "mean").ravel()
 
-    def initial(self, points: Points) -> tuple[Array, Array]:
+    def _first(self, points: Points) -> tuple[Array, Array]:
         """Mean and covariance of the first state, shapes (b, d) and (b, d, d)."""
         spread = self._covariance
         means = points.stacked(self._initial_mean)
@@ -150,12 +150,12 @@ class StepModel:
             raise UsageError(f"mean: {means[0]} is not a state of {counted(self.dimension, 'finite number')}")
         return means, points.stacked(lambda p: covariance_of(spread(p) if callable(spread) else spread, self.dimension, "covariance"))
 
-    def noise(self, points: Points, count: int) -> Array:
+    def _data_noise(self, points: Points, count: int) -> Array:
         """Covariance of the noise of `count` data, shape (b, m, m)."""
         spread = self._noise
         return points.stacked(lambda p: covariance_of(spread(p) if callable(spread) else spread, count, "noise", positive=True))
 
-    def process_noise(self, points: Points, dt: float) -> "Array | None":
+    def _added_noise(self, points: Points, dt: float) -> "Array | None":
         """What a step adds, shape (b, d, d)."""
         spread = self._process_noise
         if spread is None:
@@ -171,7 +171,7 @@ class StepModel:
             return np.array([function(state, {name: value[k] for name, value in p.items()}, *rest) for k, state in enumerate(states)], float)
         return np.array([function(state, p, *rest) for state in states], float)
 
-    def advance(self, states: Array, points: Points, u: Array, t: float, dt: float) -> Array:
+    def _advance(self, states: Array, points: Points, u: Array, t: float, dt: float) -> Array:
         """States of shape (b, s, d) after a step; not finite where the model failed."""
         rows = states.reshape(-1, self.dimension)
         after = self._called(self._step, rows, points.rows(states.shape[1]), u, t, dt)
@@ -179,10 +179,10 @@ class StepModel:
             raise UsageError(f"step: {rows.shape[0]} states of {counted(self.dimension, 'number')} gave an array of shape {after.shape}")
         return after.reshape(states.shape)
 
-    def observed(self, states: Array, points: Points, u: Array, t: float) -> Array:
+    def _seen(self, states: Array, points: Points, u: Array, t: float) -> Array:
         """What would be measured of states of shape (b, s, d), without noise: (b, s, m)."""
-        if self.matrix is not None:
-            return states @ self.matrix.T
+        if self._matrix is not None:
+            return states @ self._matrix.T
         rows = states.reshape(-1, self.dimension)
         assert self._observe is not None
         seen = self._called(self._observe, rows, points.rows(states.shape[1]), u, t)
@@ -190,7 +190,7 @@ class StepModel:
             raise UsageError(f"observe: {len(rows)} states gave an array of shape {seen.shape}: give one row of data for each")
         return seen.reshape(*states.shape[:2], -1)
 
-    def failure(self) -> str:
+    def _failure(self) -> str:
         """Why the model failed last, for a message."""
         return ""
 
@@ -226,21 +226,21 @@ class StepModel:
         generator = np.random.default_rng(seed)
         points = Points({**self.parameters, **(parameters or {})})
         u = inputs_of(inputs, steps, self.inputs)
-        mean, covariance = self.initial(points)
+        mean, covariance = self._first(points)
         x = mean if state is None else numbers(state, "state").reshape(1, self.dimension)
         if state is None and noise:
             x = x + (root_of(covariance[0]) @ generator.standard_normal(self.dimension))
         states, data = [], []
         for k in range(steps):
-            seen = self.observed(x[None], points, u[k], k * self.dt)[0]
+            seen = self._seen(x[None], points, u[k], k * self.dt)[0]
             if noise:
-                seen = seen + root_of(self.noise(points, seen.shape[1])[0]) @ generator.standard_normal(seen.shape[1])
+                seen = seen + root_of(self._data_noise(points, seen.shape[1])[0]) @ generator.standard_normal(seen.shape[1])
             states.append(x[0])
             data.append(seen[0])
             if k + 1 == steps:
                 break
-            x = self.advance(x[None], points, u[k], k * self.dt, self.dt)[0]
-            added = self.process_noise(points, self.dt) if noise else None
+            x = self._advance(x[None], points, u[k], k * self.dt, self.dt)[0]
+            added = self._added_noise(points, self.dt) if noise else None
             if added is not None:
                 x = x + root_of(added[0]) @ generator.standard_normal(self.dimension)
             require_finite(x, (k + 1) * self.dt, "step", self)
@@ -288,7 +288,7 @@ class LinearModel(StepModel):
     def _nothing(*_: Any) -> ArrayLike:
         raise AssertionError("a linear model is asked for its matrices")
 
-    def steps(self, points: Points, dt: float) -> tuple[Array, Array, Array]:
+    def _matrices(self, points: Points, dt: float) -> tuple[Array, Array, Array]:
         """A, B and Q of all points; kept, as data are mostly evenly spaced."""
         if self._kept is None or self._kept[0] is not points or abs(self._kept[1] - dt) > 1e-9 * dt:
             d, k = self.dimension, self.inputs
@@ -302,7 +302,7 @@ class LinearModel(StepModel):
             self._kept = points, dt, tuple(np.stack(each) for each in zip(*triples))  # type: ignore[assignment]
         return self._kept[2]  # type: ignore[index]
 
-    def observation(self, points: Points) -> tuple[Array, Array]:
+    def _observation_matrices(self, points: Points) -> tuple[Array, Array]:
         """H and D of all points, shapes (b, m, d) and (b, m, k); kept."""
         if self._kept_observation is not None and self._kept_observation[0] is points:
             return self._kept_observation[1]
@@ -319,15 +319,15 @@ class LinearModel(StepModel):
         self._kept_observation = points, stacked
         return self._kept_observation[1]
 
-    def process_noise(self, points: Points, dt: float) -> "Array | None":
-        return self.steps(points, dt)[2]
+    def _added_noise(self, points: Points, dt: float) -> "Array | None":
+        return self._matrices(points, dt)[2]
 
-    def advance(self, states: Array, points: Points, u: Array, t: float, dt: float) -> Array:
-        a, b, _ = self.steps(points, dt)
+    def _advance(self, states: Array, points: Points, u: Array, t: float, dt: float) -> Array:
+        a, b, _ = self._matrices(points, dt)
         return states @ a.swapaxes(1, 2) + (b @ u)[:, None]
 
-    def observed(self, states: Array, points: Points, u: Array, t: float) -> Array:
-        h, feedthrough = self.observation(points)
+    def _seen(self, states: Array, points: Points, u: Array, t: float) -> Array:
+        h, feedthrough = self._observation_matrices(points)
         return states @ h.swapaxes(1, 2) + (feedthrough @ u)[:, None]
 
 
@@ -336,7 +336,7 @@ def require_finite(states: Array, t: float, what: str, model: StepModel) -> None
     failed = np.flatnonzero(~np.isfinite(states).all(axis=-1))
     if len(failed):
         raise DataError(f"{what}: at time {t:g} the model of member {failed[0]} gave {states[failed[0]]}, which is not finite"
-                        + (f" (and of {len(failed) - 1} more)" if len(failed) > 1 else "") + model.failure())
+                        + (f" (and of {len(failed) - 1} more)" if len(failed) > 1 else "") + model._failure())
 
 
 def inputs_of(inputs: "ArrayLike | None", steps: int, count: int) -> Array:
@@ -428,7 +428,7 @@ def with_unknown_input(model: StepModel, std: float, *, correlation_time: "float
             return full, np.vstack([b, np.zeros((1, linear.inputs))]), bordered(q, variance)
 
         def observation(p: Parameters) -> tuple[Array, Array]:
-            h, feedthrough = linear.observation(Points(p))
+            h, feedthrough = linear._observation_matrices(Points(p))
             return np.hstack([h[0], feedthrough[0][:, [of]]]), feedthrough[0]
 
         return LinearModel(transition, observation, **common)
@@ -444,12 +444,12 @@ def with_unknown_input(model: StepModel, std: float, *, correlation_time: "float
 
     def observe(x: Array, p: Parameters, u: Array, t: float) -> ArrayLike:
         if model._observe is None:
-            assert model.matrix is not None
-            return np.asarray(x[..., :d] @ model.matrix.T)
+            assert model._matrix is not None
+            return np.asarray(x[..., :d] @ model._matrix.T)
         return model._observe(x[..., :d], p, with_input(x, u), t)
 
     def process_noise(p: Parameters, dt: float) -> Array:
-        own = model.process_noise(Points(p), dt)
+        own = model._added_noise(Points(p), dt)
         return bordered(np.zeros((d, d)) if own is None else own[0], decay(dt)[1])
 
     return StepModel(step, observe, process_noise=process_noise, vectorized=model.vectorized, **common)

@@ -290,7 +290,7 @@ class Health:
     loss_interval : dict of str to (float, float)
         That hold it with 90 %.
     alarm : bool
-        Whether `probability` exceeds 0.9. With a prior probability of 0.1 that happens to at most one healthy structure in 81.
+        `probability` exceeds 0.9. With a prior probability of 0.1 that happens to at most one healthy structure in 81.
     baseline : InferenceResult
         Posterior of the healthy structure's parameters.
     verdict : Verdict
@@ -323,6 +323,15 @@ class Health:
 
     @property
     def alarm(self) -> bool:
+        """Whether damage is more probable than 0.9.
+
+        Examples
+        --------
+        >>> structure = lambda p, temperature: knothe.modes.frame([p["k"], 1.0], [1e-3, 1e-3])
+        >>> before, after = (knothe.modes.Modes(*structure({"k": k}, 0.0)) for k in (1.0, 0.8))
+        >>> knothe.modes.assess(structure, [before], [after], {"k": knothe.Lognormal(0, 0.3)}, ["k"], knothe.modes.Scatter(0.005)).alarm
+        True
+        """
         return self.probability > 0.9
 
     @property
@@ -503,3 +512,6 @@ def _misfit(compared: _Compared, drawn: Mapping[str, Array], inspection: Sequenc
                        f"loss of one element: they are {factor:.2g} times as far away as their scatter (probability {probability:.1g}): several "
                        "elements, or another cause", factor, 1.5)]
     return []
+
+
+__all__ = ["Health", "Modes", "Scatter", "assess", "assurance", "frame", "log_likelihood", "of_matrices"]

@@ -51,7 +51,7 @@ class StateForecast:
 
     Examples
     --------
-    >>> model = knothe.states.oscillator(1.0, 0.4, 9.0, dt=0.1, noise=0.01)
+    >>> model = knothe.states.oscillator(1.0, 0.4, 9.0, dt=0.1, noise=0.01, force_noise=0.1)
     >>> found = knothe.states.estimate(model, model.simulate(50)[1])
     >>> ahead = found.forecast(20)
     >>> ahead.mean.shape, ahead.data_mean.shape
@@ -68,6 +68,14 @@ class StateForecast:
 
     @property
     def std(self) -> Array:
+        """Standard deviations of the states, shape (T, d).
+
+        Examples
+        --------
+        >>> model = knothe.states.oscillator(1.0, 0.4, 9.0, dt=0.1, noise=0.01, force_noise=0.1)
+        >>> knothe.states.estimate(model, model.simulate(50)[1]).smooth().std.shape
+        (50, 2)
+        """
         return _deviations(self.covariance)
 
 
@@ -132,7 +140,7 @@ class StateEstimate:
 
         Examples
         --------
-        >>> model = knothe.states.oscillator(1.0, 0.4, 9.0, dt=0.1, noise=0.01)
+        >>> model = knothe.states.oscillator(1.0, 0.4, 9.0, dt=0.1, noise=0.01, force_noise=0.1)
         >>> knothe.states.estimate(model, model.simulate(50)[1]).std.shape
         (50, 2)
         """
@@ -157,7 +165,7 @@ class StateEstimate:
 
         Examples
         --------
-        >>> model = knothe.states.oscillator(1.0, 0.4, 9.0, dt=0.1, noise=0.01)
+        >>> model = knothe.states.oscillator(1.0, 0.4, 9.0, dt=0.1, noise=0.01, force_noise=0.1)
         >>> truth, data = model.simulate(50)
         >>> lower, upper = knothe.states.estimate(model, data).interval(0.9)
         >>> bool(np.mean((lower < truth) & (truth < upper)) > 0.7)
@@ -378,7 +386,7 @@ def estimate(model: StepModel, data: ArrayLike, method: str = "auto", *, times: 
     The stiffness and damping of an oscillator under an unknown random force, with its states:
 
     >>> model = knothe.states.oscillator(1.0, "c", "k", dt=0.1, noise=0.01, force_noise=0.3, covariance=0.1, parameters={"c": 0.4, "k": 9.0})
-    >>> truth, data = model.simulate(200)
+    >>> truth, data = model.simulate(100)
     >>> found = knothe.states.estimate(model, data, parameters={"c": knothe.Lognormal(-1, 0.5), "k": knothe.Lognormal(2, 0.5)})
     >>> bool(np.all(abs(found.parameters.mean - [0.4, 9.0]) < 3 * found.parameters.std)), found.verdict.level
     (True, 'ok')
@@ -418,7 +426,7 @@ def _ensemble(model: StepModel, points: Points, method: str, options: Mapping[st
         if not isinstance(local, Localisation) or len(local.distances) != model.dimension or len(local.observed) != data:
             raise UsageError(f"estimate: {local!r}, with {counted(len(getattr(local, 'observed', ())), 'place')} of data, for "
                              f"{counted(model.dimension, 'state')} and data of {counted(data, 'value')}")
-        noise = model.noise(points, data)[0]
+        noise = model._data_noise(points, data)[0]
         if np.any(noise - np.diag(np.diag(noise))):
             raise UsageError("estimate: a localisation needs data whose noise is independent: give standard deviations")
     inflation = float(options["inflation"] or 1.0)
@@ -427,7 +435,7 @@ def _ensemble(model: StepModel, points: Points, method: str, options: Mapping[st
     if method == "particle":
         return Particles(model, points, members, generator, float(options["jitter"] or 0.0))
     if method == "ensemble":
-        return Ensemble(model, points, members, generator, inflation, None if local is None else local.taper())
+        return Ensemble(model, points, members, generator, inflation, None if local is None else local._taper())
     return MapEnsemble(model, points, members, generator, inflation,
                        MapUpdate(count_of(2 if options["order"] is None else options["order"], "as order of maps"), local, members, model.dimension))
 
