@@ -121,6 +121,7 @@ class Gaussian:
         self.weights = np.full(points.count, 1 / points.count) if weights is None else weights
         self.mean, self.covariance = model._first(points)
         self.steps: "list[Step] | None" = [] if keep else None
+        self._strict = keep  # else a point where the model fails is only a bad one
         self._noise: "Array | None" = None
         d = model.dimension
         # Julier and Uhlmann 1997, kappa = 3 - d where no weight is negative: exact for third moments (d = 1: fifth)
@@ -170,7 +171,7 @@ class Gaussian:
                 self.mean = model._advance(self.mean[:, None], self.points, u, t, dt)[:, 0]
             cross = self.covariance @ transition.swapaxes(1, 2)
             covariance = transition @ cross
-        if self.points.count == 1:
+        if self._strict:
             require_finite(self.mean, t + dt, "step", model)
         added = model._added_noise(self.points, dt)
         self.covariance = symmetric(covariance if added is None else covariance + added)
@@ -203,7 +204,7 @@ class Gaussian:
         noise = self._noise[:, seen[:, None], seen]
         mean, spread, cross, slope = self._seen(u, t)
         require_width(mean, data)
-        if self.points.count == 1:
+        if self._strict:
             require_finite(mean, t, "observe", self.model)
         innovation, covariance = data[seen] - mean[:, seen], symmetric(spread[:, seen[:, None], seen] + noise)
         cross = cross[:, :, seen]
@@ -370,6 +371,7 @@ class Particles(Ensemble):
     A member whose model failed has no weight."""
 
     SHARE = 0.5  # of effective particles that a power of the likelihood may leave
+    MOVES = 6
 
     def __init__(self, model: StepModel, points: Points, members: int, generator: np.random.Generator, jitter: float) -> None:
         super().__init__(model, points, members, generator)
@@ -379,7 +381,7 @@ class Particles(Ensemble):
         self._before, self._root = np.broadcast_to(mean, self.members.shape).copy(), root_of(covariance[0])
         self._chosen = np.zeros((members, self._root.shape[1]))
         self._chosen[:] = np.linalg.lstsq(self._root, (self.members - self._before).T, rcond=None)[0].T
-        self._step_size = 0.5
+        self._scales = [0.8, 0.5]
 
     def predict(self, u: Array, t: float, dt: float) -> None:
         x = self.model._advance(self.members[None], self.points, u, t, dt)[0]
@@ -474,14 +476,27 @@ class Particles(Ensemble):
             self.members = self._before + self._chosen @ self._root.T
             likelihood = log_likelihood(self._observed(u, t))
         if np.any(self._root):
-            for _ in range(5):
-                beta = self._step_size
-                proposed = math.sqrt(1 - beta**2) * self._chosen + beta * self.generator.standard_normal(self._chosen.shape)
+            for move in range(self.MOVES):
+                proposed, ratio = self._proposed(move % 2 == 0)
                 kept_members = self.members
                 self.members = self._before + proposed @ self._root.T
                 other = log_likelihood(self._observed(u, t))
-                accepted = np.log(self.generator.random(len(other))) < power * (other - likelihood)
+                accepted = np.log(self.generator.random(len(other))) < power * (other - likelihood) + ratio
                 self.members = np.where(accepted[:, None], self.members, kept_members)
                 self._chosen, likelihood = np.where(accepted[:, None], proposed, self._chosen), np.where(accepted, other, likelihood)
-                self._step_size = float(np.clip(beta * math.exp(accepted.mean() - 0.3), 0.01, 1.0))
+                scale = self._scales[move % 2] * math.exp(accepted.mean() - 0.3)
+                self._scales[move % 2] = float(np.clip(scale, 0.01, 1.0))
         return likelihood
+
+    def _proposed(self, adapted: bool) -> tuple[Array, Array]:
+        """Random variables of the step in place of `_chosen`, N(0, I) before the datum, and the logarithm of what the proposal adds to the ratio:
+        an autoregression around 0, which keeps N(0, I), or around their mean and with their covariance, which keeps that Gaussian."""
+        scale, drawn = self._scales[0 if adapted else 1], self.generator.standard_normal(self._chosen.shape)
+        if not adapted:
+            return math.sqrt(1 - scale**2) * self._chosen + scale * drawn, np.zeros(len(drawn))
+        mean, covariance = self._moments_of(self._chosen)
+        root = root_of(covariance + 1e-6 * np.eye(len(mean)))
+        scaled = np.linalg.solve(root, (self._chosen - mean).T).T
+        moved = math.sqrt(1 - scale**2) * scaled + scale * drawn
+        proposed = mean + moved @ root.T
+        return proposed, 0.5 * ((moved**2).sum(1) - (scaled**2).sum(1) - (proposed**2).sum(1) + (self._chosen**2).sum(1))

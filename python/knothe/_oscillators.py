@@ -42,9 +42,6 @@ def discretised(a: Array, b: Array, intensity: Array, dt: float) -> tuple[Array,
 
     Q by Van Loan 1978 for a fraction of the step, in which nothing decays much, and then by doubling."""
     d, k = b.shape
-    held = np.zeros((d + k, d + k))
-    held[:d, :d], held[:d, d:] = a * dt, b * dt
-    both = exponential(held)
     norm = np.abs(a * dt).sum(0).max()
     halvings = max(0, math.ceil(math.log2(norm))) if norm > 0 else 0
     h = dt / 2.0**halvings
@@ -55,7 +52,12 @@ def discretised(a: Array, b: Array, intensity: Array, dt: float) -> tuple[Array,
     q = transition @ parts[:d, d:]
     for _ in range(halvings):
         q, transition = q + transition @ q @ transition.T, transition @ transition
-    return both[:d, :d], both[:d, d:], 0.5 * (q + q.T)
+    held = np.zeros((d, 0))
+    if k:
+        both = np.zeros((d + k, d + k))
+        both[:d, :d], both[:d, d:] = a * dt, b * dt
+        held = exponential(both)[:d, d:]
+    return transition, held, 0.5 * (q + q.T)
 
 
 def value_of(quantity: Quantity, p: Parameters) -> Any:
@@ -172,8 +174,11 @@ def runge_kutta(rates: Callable[[Array, float], Array], x: Array, t: float, dt: 
 
 
 def _with_internal_state(rate: Callable[[Array, Array, Parameters], Array], force: Callable[[Array, Array, Array, Parameters], Array],
-                         mass: Quantity, force_noise: Quantity, observe: str, substeps: int, options: Mapping[str, Any]) -> StepModel:
-    """One degree of freedom with displacement, velocity and an internal variable z: m a = u - force(x, v, z), z' = rate(v, z)."""
+                         mass: Quantity, force_noise: Quantity, observe: str, substeps: int, options: Mapping[str, Any],
+                         relaxed: "Callable[[Array, Array, Parameters, float], Array] | None" = None) -> StepModel:
+    """One degree of freedom with displacement, velocity and an internal variable z: m a = u - force(x, v, z), z' = rate(v, z).
+
+    relaxed(v, z, p, h) is z after h at a constant velocity, exactly: for a z that is stiff."""
     seen = _observations(observe, 1)
     if len(seen) != 1:
         raise UsageError("observe: give one of displacement, velocity, acceleration")
@@ -185,7 +190,16 @@ def _with_internal_state(rate: Callable[[Array, Array, Parameters], Array], forc
         return np.stack([x[..., 1], acceleration, rate(x[..., 1], x[..., 2], p)], -1)
 
     def step(x: Array, p: Parameters, u: Array, t: float, dt: float) -> Array:
-        return runge_kutta(lambda state, _: rates(state, p, u), x, t, dt, substeps)
+        if relaxed is None:
+            return runge_kutta(lambda state, _: rates(state, p, u), x, t, dt, substeps)
+        h = dt / substeps
+        for _ in range(substeps):  # the midpoint method, with z exactly
+            middle = x + 0.5 * h * rates(x, p, u)
+            middle[..., 2] = relaxed(x[..., 1], x[..., 2], p, 0.5 * h)
+            after = x + h * rates(middle, p, u)
+            after[..., 2] = relaxed(middle[..., 1], x[..., 2], p, h)
+            x = after
+        return x
 
     def observed(x: Array, p: Parameters, u: Array, t: float) -> Array:
         what = seen[0][0]
@@ -256,7 +270,7 @@ def bouc_wen(mass: Quantity, damping: Quantity, stiffness: Quantity, *, share: Q
 
 def lugre(mass: Quantity, damping: Quantity, stiffness: Quantity, *, coulomb: Quantity, static: Quantity, stribeck: Quantity, sigma0: Quantity,
           sigma1: Quantity = 0.0, sigma2: Quantity = 0.0, dt: float, noise: Spread, observe: str = "displacement", force_noise: Quantity = 0.0,
-          mean: ArrayLike = (0.0, 0.0, 0.0), covariance: Spread = 0.0, substeps: int = 20, parameters: "Mapping[str, float] | None" = None) -> StepModel:
+          mean: ArrayLike = (0.0, 0.0, 0.0), covariance: Spread = 0.0, substeps: int = 10, parameters: "Mapping[str, float] | None" = None) -> StepModel:
     """An oscillator with friction as of LuGre (Canudas de Wit et al. 1995) under one force u.
 
     m a + c v + k x + F = u;  F = sigma0 z + sigma1 z' + sigma2 v;  z' = v - sigma0 abs(v) z / g(v);
@@ -284,7 +298,7 @@ def lugre(mass: Quantity, damping: Quantity, stiffness: Quantity, *, coulomb: Qu
     covariance : as of `StepModel`
         Of that state.
     substeps : int
-        Runge-Kutta steps within `dt`: enough that sigma0 abs(v) / coulomb times a step is below 2.
+        Steps of the midpoint method within `dt`, enough for oscillations on the bristles; z itself is integrated exactly.
     parameters : mapping of name to float, optional
 
     Returns
@@ -301,14 +315,22 @@ def lugre(mass: Quantity, damping: Quantity, stiffness: Quantity, *, coulomb: Qu
     >>> bool(abs(states[-1, 0]) < 2e-4)
     True
     """
-    def rate(v: Array, z: Array, p: Parameters) -> Array:
+    def decay(v: Array, p: Parameters) -> Array:
         kinetic = value_of(coulomb, p)
         limit = kinetic + (value_of(static, p) - kinetic) * np.exp(-(v / value_of(stribeck, p))**2)
-        return np.asarray(v - value_of(sigma0, p) * np.abs(v) * z / limit)
+        return np.asarray(value_of(sigma0, p) * np.abs(v) / limit)
+
+    def rate(v: Array, z: Array, p: Parameters) -> Array:
+        return np.asarray(v - decay(v, p) * z)
+
+    def relaxed(v: Array, z: Array, p: Parameters, h: float) -> Array:
+        fallen = decay(v, p) * h
+        share = np.where(fallen > 1e-12, -np.expm1(-fallen) / np.maximum(fallen, 1e-12), 1.0)
+        return np.asarray(z * np.exp(-fallen) + h * v * share)
 
     def force(x: Array, v: Array, z: Array, p: Parameters) -> Array:
         friction = value_of(sigma0, p) * z + value_of(sigma1, p) * rate(v, z, p) + value_of(sigma2, p) * v
         return np.asarray(value_of(damping, p) * v + value_of(stiffness, p) * x + friction)
 
     return _with_internal_state(rate, force, mass, force_noise, observe, substeps,
-                                {"mean": mean, "covariance": covariance, "noise": noise, "dt": dt, "parameters": parameters})
+                                {"mean": mean, "covariance": covariance, "noise": noise, "dt": dt, "parameters": parameters}, relaxed)

@@ -43,8 +43,13 @@ def root_of(covariance: Array) -> Array:
     try:
         return np.linalg.cholesky(covariance)
     except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(covariance)
-        return vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+        pass
+    try:  # one of many that lost its last digits would cost all the others a decomposition into eigenvalues
+        return np.linalg.cholesky(covariance * (1 + 1e-12 * np.eye(covariance.shape[-1])))
+    except np.linalg.LinAlgError:
+        finite = np.isfinite(covariance).all((-1, -2), keepdims=True)
+        values, vectors = np.linalg.eigh(np.where(finite, covariance, 0.0))
+        return np.asarray(np.where(finite, vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :], np.nan))
 
 
 class Points:
@@ -125,6 +130,7 @@ class StepModel:
         if not (np.isfinite(dt) and dt > 0):
             raise UsageError(f"StepModel: dt={dt!r}: a time step is > 0")
         self.parameters: dict[str, float] = {name: float(value) for name, value in (parameters or {}).items()}
+        self._kept_noise: "tuple[Points, float, Array] | None" = None
         self.dt, self.inputs, self.vectorized = float(dt), int(inputs), bool(vectorized)
         self._step, self._mean, self._covariance, self._noise, self._process_noise = step, mean, covariance, noise, process_noise
         self._observe: "Callable[..., ArrayLike] | None" = observe if callable(observe) else None  # type: ignore[assignment]
@@ -156,13 +162,16 @@ class StepModel:
         return points.stacked(lambda p: covariance_of(spread(p) if callable(spread) else spread, count, "noise", positive=True))
 
     def _added_noise(self, points: Points, dt: float) -> "Array | None":
-        """What a step adds, shape (b, d, d)."""
+        """What a step adds, shape (b, d, d); kept, as data are mostly evenly spaced."""
         spread = self._process_noise
         if spread is None:
             return None
         if not callable(spread) and abs(dt - self.dt) > 1e-9 * self.dt:
             raise UsageError(f"process_noise is that of a step of {self.dt:g}, but the data are {dt:g} apart: give it as a function of (p, dt)")
-        return points.stacked(lambda p: covariance_of(spread(p, dt) if callable(spread) else spread, self.dimension, "process_noise"))
+        if self._kept_noise is None or self._kept_noise[0] is not points or abs(self._kept_noise[1] - dt) > 1e-9 * dt:
+            added = points.stacked(lambda p: covariance_of(spread(p, dt) if callable(spread) else spread, self.dimension, "process_noise"))
+            self._kept_noise = points, dt, added
+        return self._kept_noise[2]
 
     def _called(self, function: Callable[..., ArrayLike], states: Array, p: Parameters, *rest: Any) -> Array:
         if self.vectorized:
