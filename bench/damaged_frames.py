@@ -16,6 +16,7 @@ import knothe.modes
 import numpy as np
 
 STOREYS, STIFFNESS, MASS = 4, 2e7, 1e4
+ELEMENTS = [f"k{i}" for i in range(STOREYS)]
 PRIORS = {**{f"k{i}": knothe.Lognormal(np.log(STIFFNESS), 0.3) for i in range(STOREYS)}, "softening": knothe.Normal(0.002, 0.001)}
 
 
@@ -42,9 +43,8 @@ def drawn(seed, scatter=0.005):
     return truth, session
 
 
-def assessed(baseline, inspection, seed, scatter=0.005, **options):
-    return knothe.modes.assess(structure, baseline, inspection, PRIORS, [f"k{i}" for i in range(STOREYS)], knothe.modes.Scatter(scatter, 0.03),
-                               seed=seed, **options)
+def learnt(sessions, seed, scatter=0.005, **options):
+    return knothe.modes.learn(structure, sessions, PRIORS, knothe.modes.Scatter(scatter, 0.03), seed=seed, **options)
 
 
 def counted(cases, loss, scatter=0.005, inspections=1, evaluations=0):
@@ -52,13 +52,13 @@ def counted(cases, loss, scatter=0.005, inspections=1, evaluations=0):
     found = located = false_alarms = 0
     for case in range(cases):
         truth, session = drawn(case, scatter)
-        baseline, where = [session(truth) for _ in range(10)], f"k{case % STOREYS}"
+        where, options = f"k{case % STOREYS}", {"inference": {"evaluations": evaluations}} if evaluations else {}
+        baseline = learnt([session(truth) for _ in range(10)], case + 1, scatter, **options)
         hurt = {**truth, where: truth[where] * (1 - loss)}
         after, same = ([session(p) for _ in range(inspections)] for p in (hurt, truth))
-        options = {"inference": {"evaluations": evaluations}} if evaluations else {}
-        with_loss = assessed(baseline, after, case + 1, scatter, **options)
+        with_loss = baseline.assess(after, ELEMENTS)
         found, located = found + with_loss.alarm, located + (with_loss.alarm and with_loss.located == where)
-        false_alarms += assessed(baseline, same, case + 1, scatter, **options).alarm
+        false_alarms += baseline.assess(same, ELEMENTS).alarm
     return found, located, false_alarms
 
 

@@ -3,8 +3,8 @@
 >>> import knothe.modes
 
 Modes as they are identified from vibrations have no sign, scale or order that could be relied upon, and some are missing or spurious.
-`log_likelihood` sums over all pairs of identified and model modes; `assess` compares an inspection with a baseline: healthy, or which element
-has lost how much.
+`log_likelihood` sums over all ways of pairing identified modes with the model's. `learn` finds the healthy structure's parameters, and the
+`Baseline` that it gives assesses inspections: healthy, or which element has lost how much.
 """
 from __future__ import annotations
 
@@ -276,91 +276,6 @@ def _summed_over_pairings(pairs: Array, alone: Array, spurious: float) -> Array:
     return np.asarray(np.logaddexp.reduce(np.stack(list(sums.values())), axis=0))
 
 
-class Health:
-    """The result of `assess`.
-
-    Attributes
-    ----------
-    probability : float
-        That an element has lost stiffness.
-    elements : dict of str to float
-        For each element the probability that it is the one.
-    loss, loss_std : dict of str to float
-        Of each its loss of stiffness, if it is the one: posterior mean and standard deviation, shares.
-    loss_interval : dict of str to (float, float)
-        That hold it with 90 %.
-    alarm : bool
-        `probability` exceeds 0.9. With a prior probability of 0.1 that happens to at most one healthy structure in 81.
-    baseline : InferenceResult
-        Posterior of the healthy structure's parameters.
-    verdict : Verdict
-        Whether the frequencies of the inspection are those of any of the cases (``fit``), and the baseline's computation good enough.
-    trusted : bool
-    remark : str
-
-    Examples
-    --------
-    >>> f = lambda k: knothe.modes.frame([k, 1.0], [1e-3, 1e-3])
-    >>> structure = lambda p, temperature: f(p["k"])
-    >>> knothe.modes.assess(structure, [knothe.modes.Modes(*f(1.0))], [knothe.modes.Modes(*f(0.75))], {"k": knothe.Lognormal(0, 0.3)},
-    ...                     ["k"], knothe.modes.Scatter(0.005))
-    <Health: damage in k with probability > 99.9 %, loss 25 %. Result: usable>
-    """
-
-    def __init__(self, log_odds: Mapping[str, float], losses: Mapping[str, "tuple[Array, Array]"], damage: float, baseline: InferenceResult,
-                 verdict: Verdict) -> None:
-        logarithms = np.array([math.log1p(-damage), *(math.log(damage / len(log_odds)) + value for value in log_odds.values())])
-        weights = np.exp(logarithms - logarithms.max())
-        weights /= weights.sum()
-        self.probability = float(weights[1:].sum())
-        self.elements = dict(zip(log_odds, weights[1:].tolist()))
-        self.loss = {name: float(w @ x) for name, (x, w) in losses.items()}
-        self.loss_std = {name: math.sqrt(float(w @ (x - self.loss[name])**2)) for name, (x, w) in losses.items()}
-        self.loss_interval: dict[str, tuple[float, float]] = {
-            name: tuple(np.interp([0.05, 0.95], np.cumsum(w), x).tolist()) for name, (x, w) in losses.items()}
-        self.baseline, self.verdict = baseline, verdict
-        self.trusted, self.remark = baseline.trusted, baseline.remark
-
-    @property
-    def alarm(self) -> bool:
-        """Whether damage is more probable than 0.9.
-
-        Examples
-        --------
-        >>> structure = lambda p, temperature: knothe.modes.frame([p["k"], 1.0], [1e-3, 1e-3])
-        >>> before, after = (knothe.modes.Modes(*structure({"k": k}, 0.0)) for k in (1.0, 0.8))
-        >>> knothe.modes.assess(structure, [before], [after], {"k": knothe.Lognormal(0, 0.3)}, ["k"], knothe.modes.Scatter(0.005)).alarm
-        True
-        """
-        return self.probability > 0.9
-
-    @property
-    def located(self) -> str:
-        """The element that has most probably lost stiffness.
-
-        Examples
-        --------
-        >>> structure = lambda p, temperature: knothe.modes.frame([p["k"], 1.0], [1e-3, 1e-3])
-        >>> same = knothe.modes.Modes(*structure({"k": 1.0}, 0.0))
-        >>> healthy = knothe.modes.assess(structure, [same], [same], {"k": knothe.Lognormal(0, 0.3)}, ["k"], knothe.modes.Scatter(0.005))
-        >>> healthy.located, healthy.alarm
-        ('k', False)
-        """
-        return max(self.elements, key=lambda name: self.elements[name])
-
-    def __repr__(self) -> str:
-        where = self.located
-        share = _notebook.percent(self.probability)
-        said = f"damage in {where} with probability {share}, loss {100 * self.loss[where]:.0f} %" if self.alarm else f"damage with probability {share}"
-        return f"<Health: {said}. {_notebook.WORDS[self.verdict.level]}>"
-
-    def _repr_html_(self) -> str:
-        rows = [(name, _notebook.percent(share), f"{100 * self.loss[name]:.0f} ± {100 * self.loss_std[name]:.0f} %")
-                for name, share in self.elements.items()]
-        return self.verdict._repr_html_() + _notebook.table(repr(self).strip("<>"), ("element", "probability of damage", "loss, if so"), rows, "",
-                                                            self.verdict.level)
-
-
 class _Compared:
     """A structure against sessions, at many points of its parameters."""
 
@@ -390,128 +305,256 @@ class _Compared:
         return total
 
 
-def assess(structure: Structure, baseline: Sequence[Modes], inspection: Sequence[Modes], parameters: Mapping[str, Prior], elements: Sequence[str],
-           scatter: Scatter, *, damage: float = 0.1, largest_loss: float = 0.9, vectorized: bool = True, draws: int = 400,
-           inference: "Mapping[str, Any] | None" = None, seed: Seed = 1) -> Health:
-    """Whether a structure has lost stiffness since its baseline, where, and how much.
+class Health:
+    """The result of `Baseline.assess`.
 
-    The baseline gives the posterior of the healthy structure's parameters (by `infer`). The inspection's evidence, averaged over it, is then
-    compared between the healthy structure and a loss in each of the elements, evenly distributed before the data.
+    Attributes
+    ----------
+    probability : float
+        That an element has lost stiffness.
+    elements : dict of str to float
+        For each element the probability that it is the one.
+    loss, loss_std : dict of str to float
+        Of each its loss of stiffness, if it is the one: posterior mean and standard deviation, shares.
+    loss_interval : dict of str to (float, float)
+        That hold it with 90 %.
+    alarm : bool
+        `probability` exceeds 0.9. With a prior probability of 0.1 that happens to at most one healthy structure in 81.
+    verdict : Verdict
+        Whether the frequencies of the inspection are those of any of the cases (``fit``), and the baseline's computation good enough.
+
+    Examples
+    --------
+    >>> structure = lambda p, temperature: knothe.modes.frame([p["k"], 1.0], [1e-3, 1e-3])
+    >>> before, after = (knothe.modes.Modes(*structure({"k": k}, 0.0)) for k in (1.0, 0.75))
+    >>> baseline = knothe.modes.learn(structure, [before], {"k": knothe.Lognormal(0, 0.3)}, knothe.modes.Scatter(0.005))
+    >>> baseline.assess([after], ["k"])
+    <Health: damage in k with probability > 99.9 %, loss 25 %. Result: usable>
+    """
+
+    def __init__(self, log_odds: Mapping[str, float], losses: Mapping[str, "tuple[Array, Array]"], damage: float,
+                 verdict: Verdict) -> None:
+        logarithms = np.array([math.log1p(-damage), *(math.log(damage / len(log_odds)) + value for value in log_odds.values())])
+        weights = np.exp(logarithms - logarithms.max())
+        weights /= weights.sum()
+        self.probability = float(weights[1:].sum())
+        self.elements = dict(zip(log_odds, weights[1:].tolist()))
+        self.loss = {name: float(w @ x) for name, (x, w) in losses.items()}
+        self.loss_std = {name: math.sqrt(float(w @ (x - self.loss[name])**2)) for name, (x, w) in losses.items()}
+        self.loss_interval: dict[str, tuple[float, float]] = {
+            name: tuple(np.interp([0.05, 0.95], np.cumsum(w), x).tolist()) for name, (x, w) in losses.items()}
+        self.verdict = verdict
+
+    @property
+    def alarm(self) -> bool:
+        """Whether damage is more probable than 0.9.
+
+        Examples
+        --------
+        >>> structure = lambda p, temperature: knothe.modes.frame([p["k"], 1.0], [1e-3, 1e-3])
+        >>> before, after = (knothe.modes.Modes(*structure({"k": k}, 0.0)) for k in (1.0, 0.8))
+        >>> baseline = knothe.modes.learn(structure, [before], {"k": knothe.Lognormal(0, 0.3)}, knothe.modes.Scatter(0.005))
+        >>> baseline.assess([after], ["k"]).alarm
+        True
+        """
+        return self.probability > 0.9
+
+    @property
+    def located(self) -> str:
+        """The element that has most probably lost stiffness.
+
+        Examples
+        --------
+        >>> structure = lambda p, temperature: knothe.modes.frame([p["k"], 1.0], [1e-3, 1e-3])
+        >>> same = knothe.modes.Modes(*structure({"k": 1.0}, 0.0))
+        >>> baseline = knothe.modes.learn(structure, [same], {"k": knothe.Lognormal(0, 0.3)}, knothe.modes.Scatter(0.005))
+        >>> healthy = baseline.assess([same], ["k"])
+        >>> healthy.located, healthy.alarm
+        ('k', False)
+        """
+        return max(self.elements, key=lambda name: self.elements[name])
+
+    def __repr__(self) -> str:
+        where = self.located
+        share = _notebook.percent(self.probability)
+        said = f"damage in {where} with probability {share}, loss {100 * self.loss[where]:.0f} %" if self.alarm else f"damage with probability {share}"
+        return f"<Health: {said}. {_notebook.WORDS[self.verdict.level]}>"
+
+    def _repr_html_(self) -> str:
+        rows = [(name, _notebook.percent(share), f"{100 * self.loss[name]:.0f} ± {100 * self.loss_std[name]:.0f} %")
+                for name, share in self.elements.items()]
+        return self.verdict._repr_html_() + _notebook.table(repr(self).strip("<>"), ("element", "probability of damage", "loss, if so"), rows, "",
+                                                            self.verdict.level)
+
+
+class Baseline:
+    """The result of `learn`: what is known of the healthy structure.
+
+    Attributes
+    ----------
+    posterior : InferenceResult
+        Of its parameters.
+
+    Examples
+    --------
+    >>> structure = lambda p, temperature: knothe.modes.frame([p["k"], 1.0], [1e-3, 1e-3])
+    >>> same = knothe.modes.Modes(*structure({"k": 1.0}, 0.0))
+    >>> baseline = knothe.modes.learn(structure, [same], {"k": knothe.Lognormal(0, 0.3)}, knothe.modes.Scatter(0.005))
+    >>> baseline.posterior.parameters
+    ['k']
+    """
+
+    def __init__(self, compared: _Compared, posterior: InferenceResult, draws: int) -> None:
+        self._compared, self.posterior, self._draws = compared, posterior, draws
+        self._drawn = dict(zip(posterior.parameters, posterior.draws(draws).T))
+
+    def assess(self, inspection: Sequence[Modes], elements: Sequence[str], *, damage: float = 0.1, largest_loss: float = 0.9) -> Health:
+        """Whether one of the elements has lost stiffness, which, and how much.
+
+        The evidence of the inspection, averaged over the baseline's posterior, is compared between the healthy structure and a loss in each of
+        the elements, all losses being as probable before the data.
+
+        Parameters
+        ----------
+        inspection : sequence of Modes
+        elements : sequence of str
+            Parameters that are stiffnesses which may be lost, one of them at a time.
+        damage : float
+            Prior probability that one has lost stiffness.
+        largest_loss : float
+            Share.
+
+        Returns
+        -------
+        Health
+
+        Raises
+        ------
+        UsageError
+            No session, or an element that is no parameter.
+
+        Examples
+        --------
+        A frame that softens by 0.2 % per kelvin, inspected on a warm day:
+
+        >>> def structure(p, temperature):
+        ...     softer = 1 - p["softening"] * temperature
+        ...     return knothe.modes.frame([p[f"k{i}"] * softer for i in range(3)], [1.0, 1.0, 1.0])
+        >>> priors = {**{f"k{i}": knothe.Lognormal(np.log(1000), 0.2) for i in range(3)}, "softening": knothe.Normal(0, 0.003)}
+        >>> healthy = {"k0": 1000.0, "k1": 1000.0, "k2": 1000.0, "softening": 0.002}
+        >>> measured = lambda p, t: knothe.modes.Modes(*structure(p, t), temperature=t)
+        >>> cold = [measured(healthy, t) for t in (0.0, 10.0, 20.0)]
+        >>> baseline = knothe.modes.learn(structure, cold, priors, knothe.modes.Scatter(0.005))
+        >>> baseline.assess([measured(healthy, 30.0)], ["k0", "k1", "k2"]).alarm
+        False
+        >>> baseline.assess([measured({**healthy, "k1": 800.0}, 30.0)], ["k0", "k1", "k2"]).located
+        'k1'
+        """
+        if not inspection:
+            raise UsageError("assess: give at least one session")
+        unknown = [name for name in elements if name not in self._drawn]
+        if unknown or not elements:
+            raise UsageError(f"assess: elements {', '.join(unknown) or 'none'}: there are parameters {', '.join(self._drawn)}")
+        if not (0 < damage < 1 and 0 < largest_loss < 1):
+            raise UsageError(f"assess: damage={damage!r} and largest_loss={largest_loss!r} are between 0 and 1")
+        nodes, weights = np.polynomial.legendre.leggauss(60)
+        losses = 0.5 * largest_loss * (nodes + 1)
+        healthy, _ = self._evidence(inspection, None, np.zeros(1), np.ones(1))
+        damaged = {name: self._evidence(inspection, name, losses, 0.5 * weights) for name in elements}
+        best = max(damaged, key=lambda name: damaged[name][0])
+        reasons = self._misfit(inspection, *((best, float(damaged[best][1] @ losses)) if damaged[best][0] > healthy else (None, 0.0)))
+        if not self.posterior.trusted:
+            reasons.append(Reason("computation", "caution", f"the baseline's posterior is not trusted: {self.posterior.remark}", 0.0, 0.0))
+        level = "reject" if any(reason.level == "reject" for reason in reasons) else "caution" if reasons else "ok"
+        return Health({name: value - healthy for name, (value, _) in damaged.items()}, {name: (losses, shares) for name, (_, shares) in damaged.items()},
+                      damage, Verdict(level, reasons, 1.0, np.zeros(0), np.zeros(0)))
+
+    def _evidence(self, inspection: Sequence[Modes], element: "str | None", losses: Array, weights: Array) -> tuple[float, Array]:
+        """log E p(inspection) over the posterior and the loss, and how probable each loss is then."""
+        p = {name: np.repeat(value, len(losses)) for name, value in self._drawn.items()}
+        if element is not None:
+            p[element] = p[element] * np.tile(1 - losses, self._draws)
+        values = self._compared.log_likelihood(p, inspection).reshape(self._draws, -1)
+        largest = values.max()
+        by_loss = np.exp(values - largest).mean(0) * weights
+        return float(largest + np.log(by_loss.sum())), by_loss / by_loss.sum()
+
+    def _misfit(self, inspection: Sequence[Modes], element: "str | None", loss: float) -> list[Reason]:
+        """Are the frequencies those of the case that explains them best? Each against the nearest one, at the mean of the posterior."""
+        p = {name: np.array([value.mean()]) for name, value in self._drawn.items()}
+        if element is not None:
+            p[element] = p[element] * (1 - loss)
+        total, count = 0.0, 0
+        for session in inspection:
+            spread = np.log(self._compared.modes(self._drawn, session.temperature)[0]).std(0)
+            apart = np.log(np.asarray(session.frequencies))[:, None] - np.log(self._compared.modes(p, session.temperature)[0][0])
+            nearest = np.abs(apart).argmin(1)
+            scaled = apart[np.arange(len(nearest)), nearest]**2 / (self._compared.scatter.frequency**2 + spread[nearest]**2)
+            total, count = total + float(scaled.sum()), count + len(scaled)
+        probability = chi_squared_above(total, count)
+        if probability >= 3e-5:
+            return []
+        factor = math.sqrt(total / count)
+        return [Reason("fit", "reject" if probability < 1e-12 or factor > 1.5 else "caution", "the frequencies fit neither the healthy structure nor the "
+                       f"loss of one element: they are {factor:.2g} times as far away as their scatter (probability {probability:.1g}): several "
+                       "elements, or another cause", factor, 1.5)]
+
+    def __repr__(self) -> str:
+        return f"<Baseline: {', '.join(self._drawn)}>"
+
+
+def learn(structure: Structure, sessions: Sequence[Modes], parameters: Mapping[str, Prior], scatter: Scatter, *, vectorized: bool = True,
+          draws: int = 400, inference: "Mapping[str, Any] | None" = None, seed: Seed = 1) -> Baseline:
+    """The healthy structure's parameters, from sessions in which it was healthy, by `infer`.
 
     Parameters
     ----------
     structure : callable
         ``structure(p, temperature)``: frequencies and mode shapes at the sensors (or None), as of `frame` and `of_matrices`; p maps names to
         arrays of n.
-    baseline, inspection : sequence of Modes
+    sessions : sequence of Modes
     parameters : mapping of name to Normal, Uniform or Lognormal
-        Priors of the healthy structure's parameters, those of the temperature's effect among them.
-    elements : sequence of str
-        Parameters that are stiffnesses which may be lost, one of them at a time.
+        Priors, those of the temperature's effect among them.
     scatter : Scatter
-    damage : float
-        Prior probability that one has lost stiffness.
-    largest_loss : float
-        Share.
     vectorized : bool
         If false, `structure` is called with numbers, for one structure at a time.
     draws : int
-        Of the baseline's posterior.
+        Of the posterior, for what follows.
     inference : mapping, optional
         Further arguments of `infer`.
     seed : int or numpy.random.Generator
 
     Returns
     -------
-    Health
+    Baseline
 
     Raises
     ------
     UsageError
-        No sessions, an element that is no parameter, or arrays that do not fit.
+        No sessions, or arrays that do not fit.
 
     Examples
     --------
-    A frame that softens by 0.2 % per kelvin, inspected on a warm day:
-
-    >>> def structure(p, temperature):
-    ...     softer = 1 - p["softening"] * temperature
-    ...     return knothe.modes.frame([p[f"k{i}"] * softer for i in range(3)], [1.0, 1.0, 1.0])
-    >>> priors = {**{f"k{i}": knothe.Lognormal(np.log(1000), 0.2) for i in range(3)}, "softening": knothe.Normal(0, 0.003)}
-    >>> healthy = {**{f"k{i}": np.array([1000.0]) for i in range(3)}, "softening": np.array([0.002])}
-    >>> measured = lambda p, t: knothe.modes.Modes(*(each[0] for each in structure(p, t)), temperature=t)
-    >>> baseline = [measured(healthy, t) for t in (0.0, 10.0, 20.0)]
-    >>> warm = [measured(healthy, 30.0)]
-    >>> knothe.modes.assess(structure, baseline, warm, priors, ["k0", "k1", "k2"], knothe.modes.Scatter(0.005)).alarm
-    False
+    >>> structure = lambda p, temperature: knothe.modes.frame([p["k"], 1.0], [1e-3, 1e-3])
+    >>> healthy = [knothe.modes.Modes(*structure({"k": k}, 0.0)) for k in (0.99, 1.01)]
+    >>> baseline = knothe.modes.learn(structure, healthy, {"k": knothe.Lognormal(0, 0.3)}, knothe.modes.Scatter(0.005))
+    >>> bool(abs(baseline.posterior.mean[0] - 1) < 0.02)
+    True
     """
-    if not baseline or not inspection:
-        raise UsageError("assess: give at least one session of the baseline and one of the inspection")
-    unknown = [name for name in elements if name not in parameters]
-    if unknown or not elements:
-        raise UsageError(f"assess: elements {', '.join(unknown) or 'none'}: there are parameters {', '.join(parameters)}")
-    if not (0 < damage < 1 and 0 < largest_loss < 1):
-        raise UsageError(f"assess: damage={damage!r} and largest_loss={largest_loss!r} are between 0 and 1")
+    if not sessions:
+        raise UsageError("learn: give at least one session")
     compared, names = _Compared(structure, scatter, vectorized), list(parameters)
-    sessions = sorted(baseline, key=lambda session: session.temperature)  # those of one temperature one after the other
+    by_temperature = sorted(sessions, key=lambda session: session.temperature)  # those of one temperature one after the other
 
     def log_posterior(values: Array) -> Array:
         prior = log_prior(parameters, values)
         result = np.full(len(values), -np.inf)
         possible = np.flatnonzero(np.isfinite(prior))
         if len(possible):
-            result[possible] = prior[possible] + compared.log_likelihood(dict(zip(names, values[possible].T)), sessions)
+            result[possible] = prior[possible] + compared.log_likelihood(dict(zip(names, values[possible].T)), by_temperature)
         return result
 
-    found = infer(log_posterior, parameters, vectorized=True, **{"seed": seed, **(inference or {})})
-    drawn = dict(zip(names, found.draws(draws).T))
-    nodes, node_weights = np.polynomial.legendre.leggauss(60)
-    losses, node_weights = 0.5 * largest_loss * (nodes + 1), 0.5 * node_weights
-
-    def evidence_of(element: "str | None") -> tuple[float, Array]:
-        """log E p(inspection) over the baseline's posterior and the loss, and the weights of the losses."""
-        grid = losses if element is not None else np.zeros(1)
-        p = {name: np.repeat(value, len(grid)) for name, value in drawn.items()}
-        if element is not None:
-            p[element] = p[element] * np.tile(1 - grid, draws)
-        values = compared.log_likelihood(p, inspection).reshape(draws, -1)
-        largest = values.max()
-        by_loss = np.exp(values - largest).mean(0) * (node_weights if element is not None else 1.0)
-        return float(largest + math.log(by_loss.sum())), by_loss / by_loss.sum()
-
-    healthy, _ = evidence_of(None)
-    damaged = {name: evidence_of(name) for name in elements}
-    reasons = _misfit(compared, drawn, inspection, healthy, {name: value for name, (value, _) in damaged.items()},
-                      {name: float(weights @ losses) for name, (_, weights) in damaged.items()})
-    if not found.trusted:
-        reasons.append(Reason("computation", "caution", f"the baseline's posterior is not trusted: {found.remark}", 0.0, 0.0))
-    level = "reject" if any(reason.level == "reject" for reason in reasons) else "caution" if reasons else "ok"
-    verdict = Verdict(level, reasons, 1.0, np.zeros(0), np.zeros(0))
-    return Health({name: value - healthy for name, (value, _) in damaged.items()}, {name: (losses, weights) for name, (_, weights) in damaged.items()},
-                  damage, found, verdict)
+    return Baseline(compared, infer(log_posterior, parameters, vectorized=True, **{"seed": seed, **(inference or {})}), draws)
 
 
-def _misfit(compared: _Compared, drawn: Mapping[str, Array], inspection: Sequence[Modes], healthy: float, damaged: Mapping[str, float],
-            loss: Mapping[str, float]) -> list[Reason]:
-    """Are the frequencies those of the case that explains them best? Each against the nearest one of the model, at the baseline's mean."""
-    best = max(damaged, key=lambda name: damaged[name])
-    p = {name: np.array([value.mean()]) for name, value in drawn.items()}
-    if damaged[best] > healthy:
-        p[best] = p[best] * (1 - loss[best])
-    total, count = 0.0, 0
-    spread = [np.log(compared.modes(drawn, session.temperature)[0]).std(0) for session in inspection]
-    for session, own_spread in zip(inspection, spread):
-        apart = np.log(np.asarray(session.frequencies))[:, None] - np.log(compared.modes(p, session.temperature)[0][0])
-        nearest = np.abs(apart).argmin(1)
-        scaled = apart[np.arange(len(nearest)), nearest]**2 / (compared.scatter.frequency**2 + own_spread[nearest]**2)
-        total, count = total + float(scaled.sum()), count + len(scaled)
-    probability = chi_squared_above(total, count)
-    if probability < 3e-5:
-        factor = math.sqrt(total / count)
-        return [Reason("fit", "reject" if probability < 1e-12 or factor > 1.5 else "caution", f"the frequencies fit neither the healthy structure nor the "
-                       f"loss of one element: they are {factor:.2g} times as far away as their scatter (probability {probability:.1g}): several "
-                       "elements, or another cause", factor, 1.5)]
-    return []
-
-
-__all__ = ["Health", "Modes", "Scatter", "assess", "assurance", "frame", "log_likelihood", "of_matrices"]
+__all__ = ["Baseline", "Health", "Modes", "Scatter", "assurance", "frame", "learn", "log_likelihood", "of_matrices"]

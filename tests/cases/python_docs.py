@@ -127,7 +127,7 @@ class Test(CaseInItsFolder):
     def test_every_parameter_and_what_is_returned_is_documented(self):
         """Of functions and methods; a class that is made by its user lists the parameters of its constructor."""
         library_makes = {"Fit", "InferenceResult", "Model", "ObservedModel", "Posterior", "Results", "StepResult", "TransportMap",
-                         "modes.Health", "states.StateEstimate", "states.StateForecast"}
+                         "modes.Baseline", "modes.Health", "states.StateEstimate", "states.StateForecast"}
         count = 0
         for name, each in self.examples():
             is_class = isinstance(each, type)

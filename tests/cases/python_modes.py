@@ -16,7 +16,7 @@ sys.path.insert(0, str(REPOSITORY / "bench"))
 import damaged_frames
 import knothe
 import knothe.modes
-from knothe.modes import Modes, Scatter, assess, assurance, frame, log_likelihood, of_matrices
+from knothe.modes import Modes, Scatter, assurance, frame, learn, log_likelihood, of_matrices
 
 
 class Test(CaseInItsFolder):
@@ -88,7 +88,7 @@ class Test(CaseInItsFolder):
         structure = lambda p, temperature: (np.sqrt(p["k"])[:, None] / (2 * math.pi), None)
         baseline, inspection = [Modes([f]) for f in (1.003, 0.998, 1.006)], [Modes([0.975]), Modes([0.983])]
         scatter, prior = Scatter(0.008, spurious=0.0), knothe.Lognormal(math.log(39.0), 0.1)
-        found = assess(structure, baseline, inspection, {"k": prior}, ["k"], scatter, draws=4000)
+        found = learn(structure, baseline, {"k": prior}, scatter, draws=4000).assess(inspection, ["k"])
         logarithms = np.linspace(math.log(39.0) - 0.6, math.log(39.0) + 0.6, 2000)
 
         def density(sessions, log_k):
@@ -117,7 +117,7 @@ class Test(CaseInItsFolder):
     def test_two_losses_at_once_do_not_pass_as_one(self):
         truth, draw = damaged_frames.drawn(3)
         hurt = {**truth, "k0": truth["k0"] * 0.6, "k3": truth["k3"] * 0.55}
-        health = damaged_frames.assessed([draw(truth) for _ in range(8)], [draw(hurt) for _ in range(3)], seed=1)
+        health = damaged_frames.learnt([draw(truth) for _ in range(8)], seed=1).assess([draw(hurt) for _ in range(3)], damaged_frames.ELEMENTS)
         self.assertTrue(health.alarm)
         self.assertNotEqual(health.verdict.level, "ok")
         self.assertIn("several elements, or another cause", health.verdict.reasons[0].message)
@@ -125,20 +125,22 @@ class Test(CaseInItsFolder):
         self.assertIn("loss, if so", health._repr_html_())
 
     def test_what_is_wrong_is_told(self):
-        structure, one = lambda p, temperature: frame([p["k"]], [1.0]), [Modes([1.0])]
+        structure, one = lambda p, temperature: (np.ones(2), None), [Modes([1.0])]
         usage, priors = knothe.UsageError, {"k": knothe.Lognormal(3.7, 0.1)}
         self.refused(usage, "give at least one, in Hz, > 0; leave out a mode that was not identified", call=lambda: Modes([1.0, np.nan]))
         self.refused(usage, "shapes of shape (1, 2) for 2 frequencies: give a row for each", call=lambda: Modes([1.0, 2.0], [[1.0, 2.0]]))
         self.refused(usage, "a mode shape is zero or not finite", call=lambda: Modes([1.0], [[0.0, 0.0]]))
         self.refused(usage, "frequency and shape are shares between 0 and 1", call=lambda: Scatter(5.0))
-        self.refused(usage, "at least one session of the baseline", call=lambda: assess(structure, [], one, priors, ["k"], Scatter(0.01)))
-        self.refused(usage, "elements k2: there are parameters k", call=lambda: assess(structure, one, one, priors, ["k2"], Scatter(0.01)))
+        self.refused(usage, "learn: give at least one session", call=lambda: learn(structure, [], priors, Scatter(0.01)))
+        baseline = learn(lambda p, temperature: (np.sqrt(p["k"])[:, None] / 6.28, None), one, priors, Scatter(0.01))
+        self.refused(usage, "assess: give at least one session", call=lambda: baseline.assess([], ["k"]))
+        self.refused(usage, "elements k2: there are parameters k", call=lambda: baseline.assess(one, ["k2"]))
         self.refused(usage, "3 storeys and 2 floors", call=lambda: frame([1.0, 1.0, 1.0], [1.0, 1.0]))
         self.refused(usage, "mode shapes at 3 sensors, but the model has them at 2",
                      call=lambda: log_likelihood(Modes([1.0], [[1.0, 1.0, 1.0]]), [[1.0]], [[[1.0, 0.5]]], Scatter(0.01)))
         self.refused(usage, "13 modes of the model: give the lowest 12", call=lambda: log_likelihood(Modes([1.0]), np.ones((1, 13)), None, Scatter(0.01)))
         self.refused(usage, "frequencies of shape (2,) for", "or leave out vectorized",
-                     call=lambda: assess(lambda p, temperature: (np.ones(2), None), one, one, priors, ["k"], Scatter(0.01)))
+                     call=lambda: learn(structure, one, priors, Scatter(0.01)))
 
 
 if __name__ == "__main__":
