@@ -320,11 +320,9 @@ class Ensemble:
             innovations = value + noise - noise.mean() - predicted[:, j]
             one = predicted[:, j] - predicted[:, j].mean()
             total = one @ one + n - 1
-            gain, data_gain = one @ self.members / total, one @ predicted / total
-            if self.taper is not None:
-                gain, data_gain = gain * self.taper[places[j], 0], data_gain * self.taper[places[j], 1][places]
-            self.members = self.members + np.outer(innovations, gain)
-            predicted = predicted + np.outer(innovations, data_gain)
+            gain = one @ self.members / total
+            self.members = self.members + np.outer(innovations, gain if self.taper is None else gain * self.taper[places[j]])
+            predicted = predicted + np.outer(innovations, one @ predicted / total) if self.taper is None else predict_again()
 
     def _moments_of(self, values: Array) -> tuple[Array, Array]:
         mean = self.weights @ values
@@ -359,9 +357,12 @@ class MapEnsemble(Ensemble):
         self.analysis = analysis
 
     def _correct(self, predicted: Array, data: Array, places: Array, predict_again: "Callable[[], Array]") -> None:
+        if self.analysis.taper is not None:
+            mean = self.members.mean(0)
+            self.members = mean + self.inflation * (self.members - mean)
         for j, value in enumerate(data):
-            seen = predicted[:, j] if j == 0 else predict_again()[:, j]
-            self.members = self.analysis(self.members, seen, float(value), int(places[j]), self.inflation, self.generator)
+            inflation = self.inflation if self.analysis.taper is None else 1.0
+            self.members = self.analysis(self.members, predict_again()[:, j], float(value), int(places[j]), inflation, self.generator)
 
 
 class Particles(Ensemble):

@@ -3,7 +3,8 @@
 Spantini, Baptista and Marzouk 2022, Algorithm 6.1 and Section 6.4: the joint ensemble of the datum y, what it measures without noise, h, and the
 state gives a lower-triangular map S, and members go to x with S(y*, x) = S(y_i, x_i). As y depends on the state through h alone, only
 the component of h contains y: a monotone function of h and a function of y. Those of the states are regressions on h and on the states
-before them in the order of their distance from the datum: order 1 linear, order p with p radial functions of each variable besides.
+before them in the order of their correlation with it: order 1 linear, order p with p radial functions of each variable besides. With a
+localisation they are regressions on h alone, tapered: the states before would be coefficients by the dozen, more than a hundred members bear.
 
 The components are separable, so that their fit is linear least squares, and have linear tails. Those of knothe.fit_samples are polynomials with
 products of the variables: on Lorenz's model of 1963 they need 500 members where these do with 200, and carry single members so far out
@@ -28,8 +29,7 @@ class Localisation:
     distances : array_like, shape (d, d)
         Between states.
     radius : float
-        The ensemble Kalman filter's gain is multiplied by 0.2 at this distance, by 0 at twice it (Gaspari and Cohn 1999, their c); the
-        map filter moves the states up to it, each by means of those up to it.
+        What a datum does to a state is multiplied by 0.2 at this distance, by 0 from twice it on (Gaspari and Cohn 1999, their c).
     observed : sequence of m int
         For each datum the state that it is at.
 
@@ -80,7 +80,7 @@ class Localisation:
         return cls(np.minimum(apart, states - apart), radius, observed)
 
     def _taper(self) -> Array:
-        """Gaspari and Cohn 1999, Eq. 4.10, shape (m, 2, d): between each datum and the states; in the second row the data, at their places."""
+        """Gaspari and Cohn 1999, Eq. 4.10, between each datum and the states: shape (m, d)."""
         def function(distances: Array) -> Array:
             r = distances / self.radius
             near = 1 - 5 / 3 * r**2 + 5 / 8 * r**3 + r**4 / 2 - r**5 / 4
@@ -88,11 +88,7 @@ class Localisation:
                 far = 4 - 5 * r + 5 / 3 * r**2 + 5 / 8 * r**3 - r**4 / 2 + r**5 / 12 - 2 / (3 * r)
             return np.asarray(np.where(r <= 1, near, np.where(r < 2, far, 0.0)))
 
-        d, m = len(self.distances), len(self.observed)
-        taper = np.zeros((m, 2, max(d, m)))
-        taper[:, 0, :d] = function(self.distances[self.observed])
-        taper[:, 1, :m] = function(self.distances[np.ix_(self.observed, self.observed)])
-        return taper
+        return function(self.distances[self.observed])
 
     def __repr__(self) -> str:
         return f"<Localisation: {counted(len(self.distances), 'state')}, radius {self.radius:g}>"
@@ -129,31 +125,26 @@ class _Bases:
 
 
 class MapUpdate:
-    """The analysis, at an order and with a localisation."""
+    """The analysis, at an order; with a taper for each datum, or none."""
 
-    def __init__(self, order: int, localisation: "Localisation | None", members: int, dimension: int) -> None:
-        self.order, self.localisation, self.size = order, localisation, dimension
-        self._neighbours: "Array | None" = None if localisation is None else localisation.distances <= localisation.radius
-        used = dimension if self._neighbours is None else int(self._neighbours.sum(1).max())
-        needed = 1 + (used + 1) * self._functions
-        if members < 2 * needed:
-            raise UsageError(f"map: {counted(members, 'member')} for maps of {counted(needed, 'coefficient')}: give {2 * needed} members, a lower order"
-                             + ("" if self._neighbours is None else ", or a smaller radius")
-                             + (", or a localisation" if self._neighbours is None else ""))
-
-    @property
-    def _functions(self) -> int:
-        """Of each variable."""
-        return 1 if self.order < 2 else 1 + self.order
+    def __init__(self, order: int, taper: "Array | None", members: int, dimension: int) -> None:
+        self.order, self.taper = order, taper
+        needed = 2 * (1 + (1 if order < 2 else 1 + order) * (1 if taper is not None else dimension))
+        if members < needed:
+            raise UsageError(f"map: {counted(members, 'member')} for maps of order {order} and {counted(dimension, 'state')}: give {needed} members, a "
+                             "lower order, or a localisation")
 
     def __call__(self, members: Array, seen: Array, datum: float, place: int, inflation: float, generator: np.random.Generator) -> Array:
-        """Members after the datum; `seen` is what it measures of each, `place` its number among the data."""
-        def inflated(values: Array) -> Array:
-            return values.mean(0) + inflation * (values - values.mean(0))
-
-        fitted, fitted_seen = inflated(members), inflated(seen)
+        """Members after the datum; `seen` is what it measures of each, `place` its number among the data. The maps are fitted to members that are
+        inflated."""
+        fitted, fitted_seen = (values.mean(0) + inflation * (values - values.mean(0)) for values in (members, seen))
         seen_after = self._scalar(fitted_seen, seen, datum, generator)
-        order = self._order(fitted, fitted_seen, place)
+        if self.taper is not None:
+            bases = _Bases.of(fitted_seen[:, None], self.order)
+            training = bases.of_one(fitted_seen, 0)
+            coefficients = least_squares(training - training.mean(0), fitted - fitted.mean(0))
+            return np.asarray(members + (bases.of_one(seen_after, 0) - bases.of_one(seen, 0)) @ coefficients * self.taper[place])
+        order = self._order(fitted, fitted_seen)
         # h and the states, or these alone where h is one of them (but for its unit)
         variables, before, known = np.c_[fitted_seen, fitted[:, order]], np.c_[seen, members[:, order]], seen_after
         slope = float(np.cov(before[:, :2].T)[0, 1] / max(seen.var(ddof=1), 1e-300))
@@ -163,34 +154,27 @@ class MapUpdate:
         training, functions = bases(variables), bases(before)
         moved, after = functions.copy(), before.copy()
         after[:, 0], moved[:, 0] = known, bases.of_one(known, 0)
-        offset = variables.shape[1] - len(order)
         for k in range(1, variables.shape[1]):
-            used = np.arange(k)
-            if self._neighbours is not None:
-                near = self._neighbours[order[k - offset], order[:k - offset]]
-                used = np.r_[np.ones(offset, bool), near].nonzero()[0]
-            columns = training[:, used].reshape(n, -1)
+            columns = training[:, :k].reshape(n, -1)
             coefficients = least_squares(columns - columns.mean(0), variables[:, k] - variables[:, k].mean())
-            after[:, k] += (moved[:, used] - functions[:, used]).reshape(n, -1) @ coefficients
+            after[:, k] += (moved[:, :k] - functions[:, :k]).reshape(n, -1) @ coefficients
             moved[:, k] = bases.of_one(after[:, k], k)
         result = members.copy()
-        result[:, order] = after[:, offset:]
+        result[:, order] = after[:, variables.shape[1] - len(order):]
         return result
 
-    def _order(self, members: Array, seen: Array, place: int) -> Array:
-        """States from the nearest to the datum; those beyond the radius stay as they are."""
-        if self.localisation is not None:
-            distances = self.localisation.distances[self.localisation.observed[place]]
-            order = np.argsort(distances, kind="stable")
-            return order[distances[order] <= self.localisation.radius]
+    @staticmethod
+    def _order(members: Array, seen: Array) -> Array:
+        """States from the one that varies most with the datum to the one that varies least."""
         apart, seen_apart = members - members.mean(0), seen - seen.mean()
         norms = np.sqrt((apart**2).sum(0))
-        return np.argsort(-np.abs(seen_apart @ apart) / np.where(norms > 0, norms, 1.0), kind="stable")
+        return np.asarray(np.argsort(-np.abs(seen_apart @ apart) / np.where(norms > 0, norms, 1.0), kind="stable"))
 
     def _scalar(self, fitted: Array, seen: Array, datum: float, generator: np.random.Generator) -> Array:
         """h after the datum: S(y*, h') = S(y_i, h_i)."""
-        data = (fitted + generator.standard_normal(len(fitted)))[:, None]
-        own = (seen + generator.standard_normal(len(seen)))[:, None]
+        noise = generator.standard_normal(len(seen))
+        data = (fitted + noise - noise.mean())[:, None]
+        own = (seen + (data[:, 0] - fitted if self.taper is not None else generator.standard_normal(len(seen))))[:, None]
         if self.order < 2:
             variance = fitted.var(ddof=1)
             return np.asarray(seen + variance / (variance + 1) * (datum - own[:, 0]))

@@ -354,7 +354,8 @@ def estimate(model: StepModel, data: ArrayLike, method: str = "auto", *, times: 
     members : int, optional
         Of an ensemble: 200, of ``map`` 500, of ``particle`` 2000.
     inflation : float, optional
-        Factor of the deviations of an ensemble from its mean before each datum: 1; of ``map``, in what the maps are fitted to.
+        Factor of the deviations of an ensemble from its mean before each datum: 1; of ``map`` without a localisation only in what the maps
+        are fitted to.
     order : int, optional
         Of maps: 2; 1 is linear.
     localisation : Localisation, optional
@@ -434,10 +435,11 @@ def _ensemble(model: StepModel, points: Points, method: str, options: Mapping[st
         raise UsageError(f"estimate: inflation {inflation!r}: it is a factor > 0")
     if method == "particle":
         return Particles(model, points, members, generator, float(options["jitter"] or 0.0))
+    taper = None if local is None else local._taper()
     if method == "ensemble":
-        return Ensemble(model, points, members, generator, inflation, None if local is None else local._taper())
-    return MapEnsemble(model, points, members, generator, inflation,
-                       MapUpdate(count_of(2 if options["order"] is None else options["order"], "as order of maps"), local, members, model.dimension))
+        return Ensemble(model, points, members, generator, inflation, taper)
+    order = count_of(2 if options["order"] is None else options["order"], "as order of maps")
+    return MapEnsemble(model, points, members, generator, inflation, MapUpdate(order, taper, members, model.dimension))
 
 
 def _with_parameters(model: StepModel, method: str, data: Array, times: Array, inputs: Array, priors: Mapping[str, Prior], draws: int,
