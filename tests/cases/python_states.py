@@ -1,5 +1,7 @@
 """`knothe.states`: filters against dense Gaussian conditioning, quadrature and published errors; intervals against drawn cases; what is refused."""
 import math
+import re
+import subprocess
 import sys
 import unittest
 import warnings
@@ -356,6 +358,13 @@ class Test(CaseInItsFolder):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             self.assertTrue(estimate(model, data, "particle", jitter=0.2).trusted)
+
+    def test_the_page_runs_from_top_to_bottom(self):
+        blocks = re.findall(r"^```py\n(.*?)^```", (REPOSITORY / "docs/how-to/states.md").read_text(), re.M | re.S)
+        self.assertEqual(len(blocks), 3)
+        done = subprocess.run([sys.executable, "-c", "\n".join(blocks)], capture_output=True, text=True, timeout=250)
+        self.assertEqual(done.returncode, 0, done.stderr[-3000:])
+        self.assertIn("damage in k0 with probability > 99.9 %, loss 25 %", done.stdout)
 
     def test_what_is_wrong_is_told(self):
         model, data = two_storeys(), np.zeros((5, 2))
