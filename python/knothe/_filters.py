@@ -13,12 +13,14 @@ from statistics import NormalDist
 from typing import Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from knothe._errors import DataError, NumericalError
 from knothe._map_update import MapUpdate
 from knothe._step_models import LinearModel, Points, StepModel, require_finite, root_of
 from knothe._values import Array
 
+Indices = NDArray[np.int64]
 _LOG_2_PI = math.log(2 * math.pi)
 _STENCIL = ((1.0, 8 / 12), (-1.0, -8 / 12), (2.0, -1 / 12), (-2.0, 1 / 12))  # of a first derivative, fourth order
 
@@ -27,7 +29,7 @@ _STENCIL = ((1.0, 8 / 12), (-1.0, -8 / 12), (2.0, -1 / 12), (-2.0, 1 / 12))  # o
 class Update:
     """What a datum did: innovation and its covariance (of the values that are not missing), and log p(datum | the data before)."""
 
-    seen: Array  # indices
+    seen: Indices
     innovation: Array
     covariance: Array
     log_density: Array  # of each point of the parameters
@@ -308,7 +310,7 @@ class Ensemble:
         mean, spread = self._moments_of(predicted)
         return log_normal_density((data - mean)[None], (spread + noise)[None])
 
-    def _correct(self, predicted: Array, data: Array, places: Array, predict_again: "Callable[[], Array]") -> None:
+    def _correct(self, predicted: Array, data: Array, places: Indices, predict_again: "Callable[[], Array]") -> None:
         """By data whose noise is N(0, I)."""
         mean, n = self.members.mean(0), len(self.members)
         apart = self.inflation * (self.members - mean)
@@ -356,7 +358,7 @@ class MapEnsemble(Ensemble):
         super().__init__(model, points, members, generator, inflation)
         self.analysis = analysis
 
-    def _correct(self, predicted: Array, data: Array, places: Array, predict_again: "Callable[[], Array]") -> None:
+    def _correct(self, predicted: Array, data: Array, places: Indices, predict_again: "Callable[[], Array]") -> None:
         if self.analysis.taper is not None:
             mean = self.members.mean(0)
             self.members = mean + self.inflation * (self.members - mean)

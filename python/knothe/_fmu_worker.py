@@ -3,8 +3,12 @@
 A request is ("advance" or "observe", states, parameters, inputs, t, dt), arrays with a row for each run; the answers are one for each row, a
 tuple of numbers, or a string that says why the FMU failed.
 """
+from __future__ import annotations
+
 import sys
+from collections.abc import Mapping, Sequence
 from multiprocessing.connection import Connection
+from typing import Any
 
 import fmpy
 import fmpy.fmi2
@@ -14,7 +18,7 @@ import fmpy.fmi3
 class Instance:
     """One instance, which begins again with each run: its state is what is set."""
 
-    def __init__(self, folder, names):
+    def __init__(self, folder: str, names: Mapping[str, Sequence[str]]) -> None:
         description = fmpy.read_model_description(folder, validate=False)
         self.is_3 = description.fmiVersion.startswith("3.")
         slave = fmpy.fmi3.FMU3Slave if self.is_3 else fmpy.fmi2.FMU2Slave
@@ -26,7 +30,7 @@ class Instance:
         self.set = self.fmu.setFloat64 if self.is_3 else self.fmu.setReal
         self.get = self.fmu.getFloat64 if self.is_3 else self.fmu.getReal
 
-    def begin(self, t, given):
+    def begin(self, t: float, given: Mapping[str, Sequence[float]]) -> None:
         if self.is_3:
             self.fmu.enterInitializationMode(startTime=t)
         else:
@@ -37,7 +41,7 @@ class Instance:
                 self.set(self.references[kind], given[kind])
         self.fmu.exitInitializationMode()
 
-    def run(self, what, t, dt, given):
+    def run(self, what: str, t: float, dt: float, given: Mapping[str, Sequence[float]]) -> tuple[Any, ...]:
         self.begin(t, given)
         try:
             if what == "advance":
@@ -47,7 +51,7 @@ class Instance:
             self.fmu.reset()
 
 
-def main():
+def main() -> None:
     folder, read, write = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     requests, answers = Connection(read, writable=False), Connection(write, readable=False)
     instance = Instance(folder, requests.recv())

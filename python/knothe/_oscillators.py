@@ -72,7 +72,8 @@ def value_of(quantity: Quantity, p: Parameters) -> Any:
 def _observations(observe: "str | Sequence[str | tuple[str, int]]", dofs: int) -> list[tuple[str, int]]:
     """Pairs of what and where."""
     found: list[tuple[str, int]] = []
-    for each in [observe] if isinstance(observe, str) else list(observe):
+    given: "list[str | tuple[str, int]]" = [observe] if isinstance(observe, str) else list(observe)
+    for each in given:
         pairs = [(each, k) for k in range(dofs)] if isinstance(each, str) else [(each[0], int(each[1]))]
         for what, where in pairs:
             if what not in _OBSERVED or not 0 <= where < dofs:

@@ -57,7 +57,7 @@ class Points:
 
     def __init__(self, values: Mapping[str, ArrayLike], count: int = 1) -> None:
         self.count = count
-        self._values = {name: np.broadcast_to(np.asarray(value, float), (count,)) for name, value in values.items()}
+        self._values: dict[str, Array] = {name: np.broadcast_to(np.asarray(value, float), (count,)) for name, value in values.items()}
 
     def at(self, k: int) -> dict[str, float]:
         return {name: float(value[k]) for name, value in self._values.items()}
@@ -133,7 +133,7 @@ class StepModel:
         self._kept_noise: "tuple[Points, float, Array] | None" = None
         self.dt, self.inputs, self.vectorized = float(dt), int(inputs), bool(vectorized)
         self._step, self._mean, self._covariance, self._noise, self._process_noise = step, mean, covariance, noise, process_noise
-        self._observe: "Callable[..., ArrayLike] | None" = observe if callable(observe) else None  # type: ignore[assignment]
+        self._observe: "Callable[..., ArrayLike] | None" = observe if callable(observe) else None
         self._matrix: "Array | None" = None if callable(observe) else np.atleast_2d(numbers(observe, "observe"))
         self.dimension = len(self._initial_mean(self.parameters))
         if self._matrix is not None and self._matrix.shape[1] != self.dimension:
@@ -163,7 +163,7 @@ class StepModel:
 
     def _added_noise(self, points: Points, dt: float) -> "Array | None":
         """What a step adds, shape (b, d, d); kept, as data are mostly evenly spaced."""
-        spread = self._process_noise
+        spread: Any = self._process_noise
         if spread is None:
             return None
         if not callable(spread) and abs(dt - self.dt) > 1e-9 * self.dt:
@@ -290,7 +290,7 @@ class LinearModel(StepModel):
         self.transition, self._observation = transition, observation
         self._kept: "tuple[Points, float, tuple[Array, Array, Array]] | None" = None
         self._kept_observation: "tuple[Points, tuple[Array, Array]] | None" = None
-        super().__init__(transition, self._nothing, mean=mean, covariance=covariance, noise=noise, dt=dt, inputs=inputs, parameters=parameters,
+        super().__init__(self._nothing, self._nothing, mean=mean, covariance=covariance, noise=noise, dt=dt, inputs=inputs, parameters=parameters,
                          states=states)
 
     @staticmethod

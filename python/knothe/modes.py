@@ -342,7 +342,7 @@ class Health:
         self.loss = {name: float(w @ x) for name, (x, w) in losses.items()}
         self.loss_std = {name: math.sqrt(float(w @ (x - self.loss[name])**2)) for name, (x, w) in losses.items()}
         self.loss_interval: dict[str, tuple[float, float]] = {
-            name: tuple(np.interp([0.05, 0.95], np.cumsum(w), x).tolist()) for name, (x, w) in losses.items()}
+            name: (float(np.interp(0.05, np.cumsum(w), x)), float(np.interp(0.95, np.cumsum(w), x))) for name, (x, w) in losses.items()}
         self.verdict = verdict
 
     @property
@@ -554,7 +554,8 @@ def learn(structure: Structure, sessions: Sequence[Modes], parameters: Mapping[s
             result[possible] = prior[possible] + compared.log_likelihood(dict(zip(names, values[possible].T)), by_temperature)
         return result
 
-    return Baseline(compared, infer(log_posterior, parameters, vectorized=True, **{"seed": seed, **(inference or {})}), draws)
+    options: dict[str, Any] = {"seed": seed, **(inference or {})}
+    return Baseline(compared, infer(log_posterior, parameters, vectorized=True, **options), draws)
 
 
 __all__ = ["Baseline", "Health", "Modes", "Scatter", "assurance", "frame", "learn", "log_likelihood", "of_matrices"]
