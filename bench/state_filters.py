@@ -69,7 +69,10 @@ def line(case, cycles, seeds, method, radius, **options):
           f"{spent:.1f} s", flush=True)
 
 
-TABLE = {63: [], 96: []}
+TABLE = {63: [{"method": "unscented"}, {"method": "ensemble", "members": 500}, {"method": "map", "members": 200, "inflation": 1.05},
+              {"method": "map", "members": 500, "inflation": 1.05}, {"method": "particle", "members": 4000, "jitter": 0.1}],
+         96: [{"method": "ensemble", "members": 100, "inflation": 1.05, "radius": 7.3}, {"method": "map", "members": 100, "inflation": 1.05, "radius": 5.0},
+              {"method": "ensemble", "members": 200, "inflation": 1.04, "radius": 9.0}, {"method": "map", "members": 200, "inflation": 1.04, "radius": 7.0}]}
 
 
 def main():
@@ -84,7 +87,7 @@ def main():
     given = vars(parser.parse_args())
     case, method = given.pop("case"), given.pop("method")
     print(f"{platform.machine()}, numpy {np.__version__}, {given['cycles']} cycles, seeds 1 to {given['seeds']}")
-    for options in [{**given, "method": method}] if method else [{**given, **row} for row in TABLE[case]]:
+    for options in [{**given, "method": method}] if method else [{**given, **row} for row in TABLE[case]]:  # a row's own options count
         line(case, **options)
 
 
