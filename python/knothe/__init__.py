@@ -10,6 +10,8 @@ The same engine as the program `knothe`: a result here is identical, to the bit,
 `population`                  several specimens, and what to expect of the next
 `Correlation`                 displacements from pictures
 `open_results`                the results folder of a command
+`knothe.states`               filters for simulators that step: states as well as parameters
+`knothe.modes`                loss of stiffness from natural frequencies and mode shapes
 `knothe.plot`                 figures (matplotlib)
 ============================  ==============================================================================
 
@@ -48,15 +50,18 @@ from knothe._twin import Datum, StepResult, Twin
 from knothe._values import Axis, Lognormal, Normal, PosteriorOf, Precision, Prior, Sensors, Uniform
 
 
+_LAZY = ("modes", "plot", "states")
+
+
 def __getattr__(name: str) -> Any:
-    """`knothe.plot` without an import of its own; matplotlib is loaded by the first figure."""
-    if name == "plot":
-        return importlib.import_module("knothe.plot")
+    """`knothe.plot` and its like without an import of their own; matplotlib is loaded by the first figure."""
+    if name in _LAZY:
+        return importlib.import_module(f"knothe.{name}")
     raise AttributeError(f"module 'knothe' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted([*__all__, "plot"])
+    return sorted([*__all__, *_LAZY])
 
 
 __all__ = [

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 _COLOURS = {"ok": "#007a55", "caution": "#8a6100", "reject": "#b3261e"}
-_WORDS = {"ok": "Result: usable", "caution": "Result: usable with caveats", "reject": "Result: do not use"}
+WORDS = {"ok": "Result: usable", "caution": "Result: usable with caveats", "reject": "Result: do not use"}
 _PREFIXED = ("Pa", "N", "J", "W", "Hz", "V")
 _LOOKS = {"ok": "", "caution": ";color:#6b7280", "reject": ";color:#6b7280;text-decoration:line-through"}
 
@@ -86,4 +86,4 @@ def rejected(level: str) -> str:
 
 def verdict_line(level: str) -> str:
     """The verdict as the report says it, in its colour."""
-    return f'<p style="color:{_COLOURS[level]}"><b>{_WORDS[level]}</b></p>'
+    return f'<p style="color:{_COLOURS[level]}"><b>{WORDS[level]}</b></p>'

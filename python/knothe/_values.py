@@ -177,6 +177,23 @@ def prior_values(parameters: Mapping[str, Prior]) -> list[tuple[str, str, float,
     return values
 
 
+def log_prior(priors: Mapping[str, Prior], points: Array) -> Array:
+    """Of points (n, d), normalised."""
+    total: Array = np.zeros(len(points))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for prior, x in zip(priors.values(), points.T):
+            if isinstance(prior, Normal):
+                total += -0.5 * ((x - prior.mean) / prior.std)**2 - np.log(prior.std * np.sqrt(2 * np.pi))
+            elif isinstance(prior, Lognormal):
+                inside = -0.5 * ((np.log(x) - prior.mu) / prior.sigma)**2 - np.log(x * prior.sigma * np.sqrt(2 * np.pi))
+                total += np.where(x > 0, inside, -np.inf)
+            elif isinstance(prior, Uniform):
+                total += np.where((prior.lower <= x) & (x <= prior.upper), -np.log(prior.upper - prior.lower), -np.inf)
+            else:
+                raise UsageError(f"parameters: {prior!r}: give knothe.Normal, knothe.Uniform or knothe.Lognormal")
+    return total
+
+
 def _require_numbers(points: object) -> None:
     """No names where places are meant."""
     if points is not None and np.asarray(points).dtype.kind in "US":

@@ -22,7 +22,9 @@ except ImportError as missing:
 from support import REPOSITORY, CaseInItsFolder
 
 import knothe
+import knothe.modes
 import knothe.plot
+import knothe.states
 from knothe import _knothe
 
 PROJECT = """model = "model.h5"
@@ -67,8 +69,10 @@ class Test(CaseInItsFolder):
     def examples(self):
         """What has a docstring and is public: classes with their methods, functions, figures."""
         objects = [(name, getattr(knothe, name)) for name in knothe.__all__ if callable(getattr(knothe, name))]
-        objects += [(f"plot.{name}", f) for name, f in vars(knothe.plot).items()
-                    if inspect.isfunction(f) and f.__module__ == "knothe.plot" and not name.startswith("_")]
+        for module in (knothe.plot, knothe.states, knothe.modes):
+            objects += [(f"{module.__name__.split('.')[1]}.{name}", f) for name, f in vars(module).items()
+                        if not name.startswith("_") and (name in module.__all__ if hasattr(module, "__all__") else
+                                                         inspect.isfunction(f) and f.__module__ == module.__name__)]
         for name, each in objects:
             yield name, each
             if isinstance(each, type):
@@ -122,7 +126,8 @@ class Test(CaseInItsFolder):
 
     def test_every_parameter_and_what_is_returned_is_documented(self):
         """Of functions and methods; a class that is made by its user lists the parameters of its constructor."""
-        library_makes = {"Fit", "InferenceResult", "Model", "ObservedModel", "Posterior", "Results", "StepResult", "TransportMap"}
+        library_makes = {"Fit", "InferenceResult", "Model", "ObservedModel", "Posterior", "Results", "StepResult", "TransportMap",
+                         "modes.Baseline", "modes.Health", "states.StateEstimate", "states.StateForecast"}
         count = 0
         for name, each in self.examples():
             is_class = isinstance(each, type)
