@@ -35,7 +35,7 @@ void WeightedSample::state_evidence(double log_evidence_of_weights) {
 }
 
 void ImportanceResult::state_errors(const Eigen::MatrixXd& variables, double tail) {
-  constexpr double k_finite_fourth_moment = 0.25, k_raised = 3;
+  constexpr double k_finite_fourth_moment = 0.25, k_raised = 2;
   const MomentErrors errors = standard_errors(variables, sample.weights);
   tail_shape = tail;
   mean_error = 4 * errors.mean;

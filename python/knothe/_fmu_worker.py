@@ -10,15 +10,15 @@ from collections.abc import Mapping, Sequence
 from multiprocessing.connection import Connection
 from typing import Any
 
-import fmpy
-import fmpy.fmi2
-import fmpy.fmi3
-
 
 class Instance:
     """One instance, which begins again with each run: its state is what is set."""
 
     def __init__(self, folder: str, names: Mapping[str, Sequence[str]]) -> None:
+        import fmpy  # which is optional
+        import fmpy.fmi2
+        import fmpy.fmi3
+
         description = fmpy.read_model_description(folder, validate=False)
         self.is_3 = description.fmiVersion.startswith("3.")
         slave = fmpy.fmi3.FMU3Slave if self.is_3 else fmpy.fmi2.FMU2Slave

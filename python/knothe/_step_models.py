@@ -64,7 +64,9 @@ class Points:
 
     def rows(self, each: int) -> dict[str, Any]:
         """For states in rows, `each` of them at every point: numbers if there is one point, else a value for each row."""
-        return self.at(0) if self.count == 1 else {name: np.repeat(value, each) for name, value in self._values.items()}
+        if self.count == 1:
+            return self.at(0)
+        return {name: np.repeat(value, each) for name, value in self._values.items()}
 
     def stacked(self, function: "Callable[[dict[str, float]], Array]") -> Array:
         return np.stack([function(self.at(k)) for k in range(self.count)])

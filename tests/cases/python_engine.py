@@ -248,6 +248,26 @@ class Test(CaseInItsFolder):
         self.refused(knothe.UsageError, "outside", call=lambda: seen([9.0, 1.0], 0))
         self.refused(knothe.UsageError, "the model has Y0, Ad", call=lambda: model({"Y0": 1.0}, 0))
 
+    def test_parameters_that_displacements_cannot_tell_apart_are_named(self):
+        """A bar of stiffness E under a load F: its displacements are those of F / E."""
+        x, t, nodes = np.linspace(0.2, 1, 5), np.linspace(0.1, 1, 6), np.linspace(0.5, 1.5, 9)
+
+        def bar(e, f):
+            return 1e-3 * f / e * np.outer(t, x), {"load": 200 * f * t}
+
+        model = knothe.offline(bar, {"E": nodes, "F": nodes}, t, "pulled.h5", points=np.c_[x, 0 * x, 0 * x], outputs={"load": "N"}, tolerance=1e-6)
+        field, forces = bar(1.04, 0.9)
+        noise = np.random.default_rng(3).standard_normal((6, 6))
+        for series, std, level in (([], [1e-6] * 5, "caution"), (["load"], [1e-6] * 5 + [0.5], "ok")):
+            twin = knothe.Twin(model=model, sensors=knothe.Sensors(np.c_[x, 0 * x, 0 * x], "y", series=series), std=std,
+                               parameters={"E": knothe.Normal(1, 0.05), "F": knothe.Normal(1, 0.3)})
+            for step in range(6):
+                result = twin.assimilate(knothe.Datum(step, (np.append(field[step], forces["load"][step]) + noise[step] * [*[1e-6] * 5, 0.5])[:len(std)]))
+            self.assertEqual(result.verdict.level, level, result.verdict)
+            if not series:
+                self.assertEqual([reason.message.split(":")[0] for reason in result.verdict.reasons], ["E cannot be told apart from F"])
+                self.assertIn("add a sensor that tells them apart (a force beside displacements), or give E as known", result.verdict.reasons[0].message)
+
     def test_a_model_of_a_function_is_that_of_the_command(self):
         x, t, nodes = np.linspace(0.2, 1, 5), np.linspace(0.1, 1, 6), np.linspace(0.5, 1.5, 9)
 
