@@ -101,7 +101,7 @@ def normal_cumulative(x: Array) -> Array:
     """Standard normal distribution function, to 8e-8 (Abramowitz and Stegun 26.2.17)."""
     t = 1 / (1 + 0.2316419 * np.abs(x))
     series = t * (0.319381530 + t * (-0.356563782 + t * (1.781477937 + t * (-1.821255978 + t * 1.330274429))))
-    tail = np.exp(-0.5 * np.minimum(x**2, 1400)) / math.sqrt(2 * math.pi) * series
+    tail = np.exp(-0.5 * np.minimum(np.abs(x), 37)**2) / math.sqrt(2 * math.pi) * series
     return np.asarray(np.where(x > 0, 1 - tail, tail))
 
 
