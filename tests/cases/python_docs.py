@@ -246,7 +246,7 @@ class Test(CaseInItsFolder):
         (self.folder / "mypy.ini").write_text("[mypy]\nignore_missing_imports = True\n")
         classes = "|".join(name for name, each in vars(_knothe).items() if isinstance(each, type))
         (self.folder / "allowed.txt").write_text(f"knothe\\._knothe\\.({classes})\nknothe\\.plot\\.Axes\n"
-                                                 "knothe\\..*\\.(Callable|Iterable|Mapping|Sequence)(\\..*)?\n"
+                                                 "knothe\\..*\\.(Callable|Iterable|Mapping|Protocol|Sequence)(\\..*)?\n"
                                                  "knothe\\..*\\.(Inference|Step)Record\n")
         done = subprocess.run([sys.executable, "-m", "mypy.stubtest", "knothe", "--concise", "--mypy-config-file", "mypy.ini", "--allowlist",
                                "allowed.txt"], capture_output=True, text=True, timeout=280,
