@@ -114,11 +114,14 @@ void check_method(const project::OfflineOptions& options) {
     throw ProjectError("LATIN-PGD solves for the built-in beam: another solver needs method = \"snapshots\"");
 }
 
-/// The finished runs of a grid, once the model has been made of them. What else is in the folder stays.
+/// The finished runs of a grid, once the model has been made of them, and what writing of one that was
+/// interrupted has left. What else is in the folder stays.
 void remove_finished_runs(const std::string& parts) {
   std::error_code ignored;
-  for (const auto& entry : std::filesystem::directory_iterator(parts, ignored))
-    if (entry.path().filename().string().starts_with("run-")) std::filesystem::remove(entry.path(), ignored);
+  for (const auto& entry : std::filesystem::directory_iterator(parts, ignored)) {
+    const std::string name = entry.path().filename().string();
+    if (name.starts_with("run-") || name.starts_with(".run-")) std::filesystem::remove(entry.path(), ignored);
+  }
   std::filesystem::remove(parts, ignored);  // unless something is left
 }
 

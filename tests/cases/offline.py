@@ -305,6 +305,7 @@ class Test(Case):
         self.assertIn("9 full-order runs (0 reused", whole.out)
         kept = int(self.interrupt(lambda: len(self.parts()) >= 2, r"interrupted; ([2-8]) of 9 runs are kept in model.h5.parts").group(1))
         self.assertEqual(kept, len(self.parts()))
+        (self.folder / "model.h5.parts" / ".run-9.h5.1-0.part").write_text("what a kill in the middle of writing leaves")
         self.assertIn(f"9 full-order runs ({kept} reused from an earlier call)", self.build().out)
         self.assertEqual((self.folder / "model.h5").read_bytes(), (self.folder / "whole.h5").read_bytes())
         for name in ("model.h5", "whole.h5"):  # made, and the runs are no longer needed
