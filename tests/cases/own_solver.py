@@ -9,6 +9,7 @@ import os
 import random
 import re
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -374,6 +375,7 @@ with h5py.File("data.h5", "a") as f:
         server = subprocess.Popen([python, str(EXAMPLES / "umbridge" / "server.py"), str(port), model], cwd=self.folder, stdout=log, stderr=log)
         self.addCleanup(server.wait)
         self.addCleanup(server.kill)
+        self.server = server
         self.edit(":4242", f":{port}")
 
         def evaluate(*parameters):
@@ -441,8 +443,9 @@ with h5py.File("data.h5", "a") as f:
         last = self.assimilate()[-1]
         self.assertGreater(last["model_version"], 0)
         self.expect_posterior(last, log_likelihood, ["k", "zeta"])
-        self.edit("[offline.umbridge]\n", "[offline.umbridge]\ntimeout = 1e-6\n")
-        self.expect(4, "simulate", self.project_name, "-o", "data.h5", stderr="within 1e-06 s ([offline.umbridge] timeout)")
+        self.edit("[offline.umbridge]\n", "[offline.umbridge]\ntimeout = 0.2\n")
+        self.server.send_signal(signal.SIGSTOP)
+        self.expect(4, "simulate", self.project_name, "-o", "data.h5", stderr="within 0.2 s ([offline.umbridge] timeout)")
 
     def test_finite_elements_of_fenics_behind_a_server(self):
         self.copy_example("dolfinx")
