@@ -142,3 +142,19 @@ class Posterior:
         values = [function(*p) for p in self.points]
         mean = sum(v * q for v, q in zip(w, values)) / sum(w)
         return mean, math.sqrt(sum(v * (q - mean) ** 2 for v, q in zip(w, values)) / sum(w))
+
+
+def moments_on_a_grid(log_posterior):
+    """Mean and standard deviations of log_posterior(Y0, Ad), on a grid that narrows about the mass."""
+    import numpy  # which not every case has
+
+    y0, ad = numpy.linspace(LOWER, UPPER, 61), numpy.linspace(LOWER, UPPER, 61)
+    for _ in range(4):
+        table = numpy.array([[log_posterior(a, b) for b in ad] for a in y0])
+        weight = numpy.exp(table - table.max())
+        weight /= weight.sum()
+        mean = [(weight.sum(1) * y0).sum(), (weight.sum(0) * ad).sum()]
+        std = [max(((weight.sum(1) * (y0 - mean[0]) ** 2).sum()) ** 0.5, (y0[1] - y0[0])),
+               max(((weight.sum(0) * (ad - mean[1]) ** 2).sum()) ** 0.5, (ad[1] - ad[0]))]
+        y0, ad = (numpy.linspace(max(LOWER, m - 6 * s), min(UPPER, m + 6 * s), 61) for m, s in zip(mean, std))
+    return {"mean": mean, "std": std}

@@ -59,21 +59,12 @@ whole = numpy.kron(numpy.eye(len(time)), one - shared) + numpy.kron(numpy.ones((
 inverse = numpy.linalg.inv(whole + factor @ factor.T)
 shapes = [analytic_model.shapes(int(c), tuple(x)) for c, x in zip(component, points)]
 elastic, others = numpy.array([s[0] for s in shapes]), numpy.array([s[1] for s in shapes])
-y0, ad = numpy.linspace(0.5, 1.5, 61), numpy.linspace(0.5, 1.5, 61)
 
 def log_posterior(a, b):
     misfit = numpy.concatenate([values[i] - 4e-4 * t * elastic - others @ analytic_model.factors(t, a, b) for i, t in enumerate(time)])
     return -0.5 * (misfit @ inverse @ misfit + ((a - 0.9) ** 2 + (b - 1.1) ** 2) / 0.2)
 
-for _ in range(4):  # narrower about the mass
-    table = numpy.array([[log_posterior(a, b) for b in ad] for a in y0])
-    weight = numpy.exp(table - table.max())
-    weight /= weight.sum()
-    mean = [(weight.sum(1) * y0).sum(), (weight.sum(0) * ad).sum()]
-    std = [max(((weight.sum(1) * (y0 - mean[0]) ** 2).sum()) ** 0.5, (y0[1] - y0[0])),
-           max(((weight.sum(0) * (ad - mean[1]) ** 2).sum()) ** 0.5, (ad[1] - ad[0]))]
-    y0, ad = (numpy.linspace(max(0.5, m - 6 * s), min(1.5, m + 6 * s), 61) for m, s in zip(mean, std))
-print(json.dumps({"mean": mean, "std": std}))
+print(json.dumps(analytic_model.moments_on_a_grid(log_posterior)))
 """
 
 

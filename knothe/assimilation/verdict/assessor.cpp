@@ -92,11 +92,9 @@ Verdict Assessor::assess(const AssessedPosterior& posterior, std::span<const lik
   assess_computation(posterior.update, verdict);
   assess_fit(posterior, data, verdict);
   const PriorConflict conflict = find_prior_conflict(priors_, posterior.update);
-  if (auto reason = conflict_reason(conflict, priors_, axes_)) {
-    verdict.add(std::move(*reason));
-  } else if ((reason = not_told_apart(conflict, priors_, axes_))) {
-    verdict.add(std::move(*reason));
-  }
+  std::optional<VerdictReason> of_prior = conflict_reason(conflict, priors_, axes_);
+  if (!of_prior) of_prior = not_told_apart(conflict, priors_, axes_);
+  if (of_prior) verdict.add(std::move(*of_prior));
   assess_range(posterior.update, verdict);
   assess_model(posterior, data, verdict);
   assess_sensors(posterior, verdict);
