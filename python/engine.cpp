@@ -63,7 +63,7 @@ class Twin {
     if (!kind.empty()) project.method.kind = method_of(kind);
     project::UpdateSetup setup = project::set_up(project);
     auto twin = std::make_unique<Twin>(project::engine_setup(project, setup), setup.model, project.clock);
-    twin->refinement_ = project::make_refinement(project, setup.pictures);
+    twin->refinement_ = project::make_refinement(project, setup);
     twin->sensors_ = setup.measurements.sensors;
     twin->time_indices_ = setup.time_indices;
     twin->series_ = setup.measurements.series;

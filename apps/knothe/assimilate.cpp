@@ -67,7 +67,7 @@ int assimilate(const AssimilateArguments& arguments) {
   const auto input_errors = project::input_errors(project, setup);
   project::RecordedData data(std::move(setup));
   project::PictureMeasurements* const pictures = data.setup().pictures.get();
-  const auto refinement = project::make_refinement(project, data.setup().pictures);
+  const auto refinement = project::make_refinement(project, data.setup());
   record::AssimilationOutput output(arguments.json, data.setup().model.contents().axes, data.size());
   const auto start = monotonic_now();
   Eigen::VectorXd mean;

@@ -249,9 +249,11 @@ ClockEffect place(const Project& project, const model::SeparatedModel& model,
                                {}}
                       : place_by_clock(project, model, source, m, *data.observed);
   std::span<const model::Axis> axes = model.contents().axes;
-  for (std::size_t k = project.known.size(); k-- > 0; axes = axes.first(axes.size() - 1)) {
-    give_last(project.known[k].name, axes, m, source, placed);
-    data.known.insert(data.known.begin(), m.series.at(project.known[k].name).values.back());
+  data.known.resize(std::ssize(m.time), std::ssize(project.known));
+  for (Eigen::Index k = data.known.cols(); k-- > 0; axes = axes.first(axes.size() - 1)) {
+    const std::string& name = project.known[k].name;
+    give_last(name, axes, m, source, placed);
+    data.known.col(k) = Eigen::Map<const Eigen::VectorXd>(m.series.at(name).values.data(), data.known.rows());
   }
   const auto transform = likelihood::truncated_to_box(placed.model, priors);
   ClockEffect lasting{placed.clock, {}};

@@ -17,8 +17,8 @@ struct ObservedData {
   likelihood::Measurements measurements;
   std::shared_ptr<const model::ObservedModel> observed;
   std::vector<std::size_t> time_indices;  ///< of the observed model, per measured time
-  std::vector<double> known;              ///< last value of each known parameter, in the project's order
-  std::vector<std::string> unused;        ///< series of the file that nothing was made of: they have no std
+  Eigen::MatrixXd known;            ///< n_times × known parameters in the project's order: their values
+  std::vector<std::string> unused;  ///< series of the file that nothing was made of: they have no std
 };
 
 /// What the project's sources recorded, into `measured`, at its times (of pictures, without their values so

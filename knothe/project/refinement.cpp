@@ -29,7 +29,16 @@ namespace {
 std::vector<std::string> names_of(const Project& project) {
   std::vector<std::string> names;
   for (const NamedPrior& parameter : project.parameters) names.push_back(parameter.name);
+  for (const KnownParameter& parameter : project.known) names.push_back(parameter.name);
   return names;
+}
+
+/// The recorded values of what is known; where there are none, those of the project.
+MatrixXd known_values(const Project& project, const MatrixXd& recorded) {
+  if (recorded.rows() > 0 && recorded.cols() > 0) return recorded;
+  MatrixXd values(1, std::ssize(project.known));
+  for (Index k = 0; k < values.cols(); ++k) values(0, k) = project.known[k].value.value();
+  return values;
 }
 
 std::vector<double> values_of(const VectorXd& vector) {
@@ -74,10 +83,9 @@ std::unique_ptr<model::Simulator> full_order_simulator(const Project& project, s
   return std::make_unique<model::SolverProcess>(std::move(options));
 }
 
-std::unique_ptr<Refinement> make_refinement(const Project& project,
-                                            std::shared_ptr<PictureMeasurements> pictures) {
+std::unique_ptr<Refinement> make_refinement(const Project& project, const UpdateSetup& setup) {
   if (project.method.verify == ModelVerification::off) return nullptr;
-  return std::make_unique<Refinement>(project, std::move(pictures), full_order_simulator(project),
+  return std::make_unique<Refinement>(project, setup, full_order_simulator(project),
                                       (std::filesystem::path(project.results) / "refinement").string());
 }
 
@@ -107,12 +115,13 @@ PosteriorMove move_between(const Posterior& before, const Posterior& after) {
           (before.standard_deviations().cwiseQuotient(std).array() - 1).abs().maxCoeff()};
 }
 
-Refinement::Refinement(const Project& project, std::shared_ptr<PictureMeasurements> pictures,
+Refinement::Refinement(const Project& project, const UpdateSetup& setup,
                        std::unique_ptr<model::Simulator> simulator, std::string folder, RefinementStart start)
     : project_(project),
       base_(model::with_parameter_order(model::read_model(project.model), names_of(project))),
       base_error_(model::read_truncation_error(project.model)),
-      pictures_(std::move(pictures)),
+      pictures_(setup.pictures),
+      known_(known_values(project, setup.known)),
       simulator_(std::move(simulator)),
       folder_(std::move(folder)),
       solutions_(std::move(start.solutions)),
@@ -125,9 +134,37 @@ std::string refined_model(const std::string& folder, std::size_t version) {
   return fmt::format("{}/model-{}.h5", folder, version);
 }
 
+/// The posterior with the parameters that are known: each has the values that were recorded, whatever the
+/// others are.
+Posterior Refinement::with_known(const Posterior& posterior) const {
+  const Index d = posterior.mean.size(), k = known_.cols(), times = known_.rows();
+  if (k == 0) return posterior;
+  constexpr double k_width = 1e-3;          // of the axis: a value that is always the same
+  constexpr double k_golden = 0.618033988;  // spreads a sequence evenly over the times
+  Posterior whole = posterior;
+  whole.mean.conservativeResize(d + k);
+  whole.mean.tail(k) = known_.colwise().mean().transpose();
+  const MatrixXd centred = known_.rowwise() - known_.colwise().mean();
+  whole.covariance = MatrixXd::Zero(d + k, d + k);
+  whole.covariance.topLeftCorner(d, d) = posterior.covariance;
+  whole.covariance.bottomRightCorner(k, k) = centred.transpose() * centred / times;
+  for (Index a = d; a < d + k; ++a) {
+    const std::vector<double>& nodes = base_.axes[a].nodes;
+    whole.covariance(a, a) += std::pow(k_width * (nodes.back() - nodes.front()), 2);
+  }
+  whole.points.conservativeResize(Eigen::NoChange, d + k);
+  for (Index i = 0; i < whole.points.rows(); ++i) {
+    const double turn = k_golden * i;
+    const Index time = (turn - std::floor(turn)) * times;
+    whole.points.row(i).tail(k) = known_.row(time);
+  }
+  return whole;
+}
+
 /// The mean, unless a solution is near it; then, if `thorough`, those of the bulk that reduce the kriging
 /// variance most: two points at a time, since each pair moves the posterior.
-std::vector<std::vector<double>> Refinement::points_to_ask(const Posterior& posterior, bool thorough) const {
+std::vector<std::vector<double>> Refinement::points_to_ask(const Posterior& given, bool thorough) const {
+  const Posterior posterior = with_known(given);
   constexpr double k_near = 0.5;  // in standard deviations
   constexpr Index k_at_once = 2, k_candidates = 256;
   const Index d = posterior.mean.size();
@@ -162,7 +199,8 @@ std::vector<std::vector<double>> Refinement::points_to_ask(const Posterior& post
 
 /// Enough solutions in the bulk to know how the error changes over it: two for each parameter; of many
 /// parameters few matter.
-bool Refinement::covers(const Posterior& posterior) const {
+bool Refinement::covers(const Posterior& given) const {
+  const Posterior posterior = with_known(given);
   constexpr Index k_enough = 6;
   const Standardised scale(posterior);
   const auto inside =
@@ -180,7 +218,8 @@ void Refinement::solve(const std::vector<std::vector<double>>& points) {
 }
 
 std::unique_ptr<assimilation::Engine> Refinement::with_refined_model(const assimilation::Engine& engine,
-                                                                     const Posterior& posterior) {
+                                                                     const Posterior& given) {
+  const Posterior posterior = with_known(given);
   model::RefinedModel fine =
       model::refined(base_, base_error_, solutions_, {posterior.mean, posterior.covariance});
   fine.model.project = project_.text;

@@ -66,10 +66,10 @@ void tell_what_was_asked(assimilation::Verdict& verdict, std::size_t runs, const
 /// What a project's model has become by the full-order solutions asked so far.
 class Refinement {
  public:
-  /// `folder`: where refined models go (`refined_model`). The project's model is the one that is refined.
-  /// ProjectError, UsageError for what cannot be combined with it.
-  Refinement(const Project& project, std::shared_ptr<PictureMeasurements> pictures,
-             std::unique_ptr<model::Simulator> simulator, std::string folder, RefinementStart start = {});
+  /// `folder`: where refined models go (`refined_model`). The project's model is the one that is refined;
+  /// `setup` is with it. ProjectError, UsageError for what cannot be combined with it.
+  Refinement(const Project& project, const UpdateSetup& setup, std::unique_ptr<model::Simulator> simulator,
+             std::string folder, RefinementStart start = {});
 
   /// Makes the model finer around the posterior of `result`, the engine's last, and the engine that of the
   /// refined model with the same data, again and again until the posterior moves no more, or `runs`
@@ -94,6 +94,7 @@ class Refinement {
   [[nodiscard]] const PosteriorMove& whole_move() const { return whole_move_; }
 
  private:
+  [[nodiscard]] posterior::Posterior with_known(const posterior::Posterior& posterior) const;
   [[nodiscard]] std::vector<std::vector<double>> points_to_ask(const posterior::Posterior& posterior,
                                                                bool thorough) const;
   [[nodiscard]] bool covers(const posterior::Posterior& posterior) const;
@@ -105,6 +106,7 @@ class Refinement {
   model::ModelContents base_;
   model::TruncationError base_error_;
   std::shared_ptr<PictureMeasurements> pictures_;
+  Eigen::MatrixXd known_;  ///< values of the parameters that are known, a row a time
   std::unique_ptr<model::Simulator> simulator_;
   std::string folder_;
   std::vector<model::Snapshots> solutions_;
@@ -120,7 +122,6 @@ class Refinement {
 };
 
 /// That of a project with [method] verify = "full-order", in its results folder; null for others.
-[[nodiscard]] std::unique_ptr<Refinement> make_refinement(const Project& project,
-                                                          std::shared_ptr<PictureMeasurements> pictures);
+[[nodiscard]] std::unique_ptr<Refinement> make_refinement(const Project& project, const UpdateSetup& setup);
 
 }  // namespace knothe::project

@@ -156,7 +156,7 @@ class RefinementTest : public testing::Test {
     Run run;
     while (auto item = data.next({})) run.after = engine->assimilate(item->datum);
     run.before = run.after;
-    Refinement refinement(project, nullptr, std::make_unique<FrontSimulator>(std::move(names)),
+    Refinement refinement(project, data.setup(), std::make_unique<FrontSimulator>(std::move(names)),
                           folder_ + "refined");
     EXPECT_TRUE(refinement.refine(engine, run.after, 14, true));
     run.runs = refinement.runs();
@@ -231,7 +231,7 @@ TEST_F(RefinementTest, TheProjectsOrderOfTheParametersCounts) {
   RecordedData data(std::move(setup));
   assimilation::StepResult result;
   while (auto item = data.next({})) result = engine->assimilate(item->datum);
-  Refinement refinement(other, nullptr, std::make_unique<Swapped>(), folder_ + "swapped");
+  Refinement refinement(other, data.setup(), std::make_unique<Swapped>(), folder_ + "swapped");
   ASSERT_TRUE(refinement.refine(engine, result, 14, true));
   EXPECT_NEAR(result.update.mean[0], one.after.update.mean[1],
               0.05 * one.after.update.standard_deviations()[1]);
@@ -245,7 +245,7 @@ TEST_F(RefinementTest, TheDoubtOfTheVerdictMakesItAsk) {
   UpdateSetup setup = set_up(project);
   auto engine = std::make_unique<assimilation::Engine>(engine_setup(project, setup));
   RecordedData data(std::move(setup));
-  Refinement refinement(project, nullptr, std::make_unique<FrontSimulator>(), folder_ + "refined");
+  Refinement refinement(project, data.setup(), std::make_unique<FrontSimulator>(), folder_ + "refined");
   bool asked_before_the_end = false;
   while (auto item = data.next({})) {
     assimilation::StepResult result = engine->assimilate(item->datum);
@@ -270,7 +270,7 @@ TEST_F(RefinementTest, SolutionsThatWereMadeBeforeAreUsedAndNotAskedAgain) {
   auto [engine, result] = assimilate(project);
   const std::vector<double> mean = {result.update.mean[0], result.update.mean[1]};
   RefinementStart start{{FrontSimulator().solve(mean)}, 0, 3, true};
-  Refinement refinement(project, nullptr, std::make_unique<FrontSimulator>(), folder_ + "refined",
+  Refinement refinement(project, set_up(project), std::make_unique<FrontSimulator>(), folder_ + "refined",
                         std::move(start));
   ASSERT_TRUE(refinement.refine(engine, result, 1, true));  // it is all that is allowed
   EXPECT_EQ(refinement.runs(), 1u);
@@ -292,7 +292,7 @@ TEST_F(RefinementTest, ASolverThatCannotBeRunCostsNothingButTheVerdict) {
   const Project project = this->project();
   auto [engine, result] = assimilate(project);
   const VectorXd mean = result.update.mean;
-  Refinement refinement(project, nullptr, std::make_unique<Missing>(), folder_ + "refined");
+  Refinement refinement(project, set_up(project), std::make_unique<Missing>(), folder_ + "refined");
   EXPECT_FALSE(refinement.refine_if_needed(engine, result, true));
   EXPECT_EQ(result.update.mean, mean);
   EXPECT_NE(result.update.verdict.level, assimilation::VerdictLevel::ok);
@@ -300,6 +300,43 @@ TEST_F(RefinementTest, ASolverThatCannotBeRunCostsNothingButTheVerdict) {
       assimilation::verdict_text(result.update.verdict),
       testing::HasSubstr(
           "could not be used, so the error of the reduced model is not verified: cannot run the solver"));
+}
+
+/// b is recorded, and another at each time; a is inferred.
+TEST_F(RefinementTest, AParameterThatIsKnownHasItsRecordedValues) {
+  const double truth = 1.13;
+  write_data({truth, 1}, 3);
+  std::vector<double> known;
+  for (Index t = 0; t < measurements_.values.cols(); ++t) {
+    known.push_back(0.62 + 0.7 * measurements_.time[t]);
+    for (Index dof = 0; dof < measurements_.values.rows(); ++dof) {
+      const double time = measurements_.time[t];
+      measurements_.values(dof, t) +=
+          front(dof, time, std::array{truth, known.back()}) - front(dof, time, std::array{truth, 1.0});
+    }
+  }
+  measurements_.series["b"] = {known, {}, {}, "", {}, {}};
+  likelihood::write_measurements(folder_ + "data.h5", measurements_, "", 3);
+  const Project project = parse_project(
+      "model = \"model.h5\"\ndata = \"data.h5\"\nresults = \"results/\"\n[parameters]\n"
+      "a = { prior = \"uniform\", lower = 0.5, upper = 1.5 }\nb = { prior = \"known\" }\n",
+      folder_ + "project.toml");
+  double sum = 0, first = 0, second = 0;  // of the exact posterior, by the midpoint rule
+  for (double a = 1.0; a < 1.3; a += 2e-5) {
+    double misfit = 0;
+    for (Index t = 0; t < measurements_.values.cols(); ++t)
+      for (Index dof = 0; dof < measurements_.values.rows(); ++dof)
+        misfit += std::pow(
+            measurements_.values(dof, t) - front(dof, measurements_.time[t], std::array{a, known[t]}), 2);
+    const double weight =
+        std::exp(-0.5 * (misfit / (k_noise * k_noise) - static_cast<double>(measurements_.values.size())));
+    sum += weight, first += weight * a, second += weight * a * a;
+  }
+  const double mean = first / sum, std = std::sqrt(second / sum - mean * mean);
+  const Run run = this->run(project);
+  EXPECT_GT(std::abs(run.before.update.mean[0] - mean), 0.3 * std);  // or there was nothing to refine
+  EXPECT_LT(std::abs(run.after.update.mean[0] - mean), 0.1 * std);
+  EXPECT_NEAR(run.after.update.standard_deviations()[0], std, 0.05 * std);
 }
 
 TEST_F(RefinementTest, WhatDoesNotGoTogetherIsRefused) {

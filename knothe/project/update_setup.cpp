@@ -100,18 +100,18 @@ model::SeparatedModel load_whole_model(const Project& project) {
 
 /// The model with its known parameters at the project's values, or else at `last`.
 model::SeparatedModel with_known_fixed(const Project& project, const model::SeparatedModel& whole,
-                                       const std::vector<double>& last) {
+                                       const Eigen::RowVectorXd& last) {
   if (project.known.empty()) return whole;
   model::ModelContents contents = whole.contents();
   for (std::size_t k = project.known.size(); k-- > 0;) {
     const KnownParameter& known = project.known[k];
     const std::vector<double>& nodes = contents.axes.back().nodes;
-    if (!known.value && last.empty()) {
+    if (!known.value && last.size() == 0) {
       throw project.error_at(
           "parameters." + known.name,
           fmt::format("[parameters.{}] needs \"value\" here: the data are not looked at", known.name));
     }
-    const double value = known.value.value_or(last.empty() ? 0 : last[k]);
+    const double value = known.value.value_or(last.size() == 0 ? 0 : last[k]);
     if (!(value >= nodes.front() && value <= nodes.back())) {
       throw project.error_at("parameters." + known.name + ".value",
                              fmt::format("parameters.{}.value = {} lies outside the model's axis, {} to {}",
@@ -148,10 +148,9 @@ model::SeparatedModel load_model(const Project& project) {
 namespace {
 
 /// Whether what is known has one value for all data: those that come one by one bring no other. Not for
-/// models that are compared or refined: those are read anew, with the recorded values.
+/// models that are compared: those are read anew, with the recorded values.
 bool is_fixed(const Project& project, const assimilation::Features& features) {
-  return features[static_cast<std::size_t>(assimilation::Feature::service)] &&
-         project.method.verify != ModelVerification::full_order && project.candidates.empty() &&
+  return features[static_cast<std::size_t>(assimilation::Feature::service)] && project.candidates.empty() &&
          std::all_of(project.known.begin(), project.known.end(),
                      [](const KnownParameter& known) { return known.value.has_value(); });
 }
@@ -220,12 +219,13 @@ UpdateSetup set_up(const Project& given, assimilation::Features features, bool l
   assimilation::Problem problem{
       std::move(data.observed),       data.measurements.noise,        std::move(priors),
       update_options(project.method), robust_options(project.method), std::nullopt};
-  return {with_known_fixed(project, whole, data.known),
+  return {with_known_fixed(project, whole, data.known.bottomRows(1)),
           std::move(data.measurements),
           std::move(problem),
           std::move(data.time_indices),
           std::move(pictures),
-          std::move(data.unused)};
+          std::move(data.unused),
+          std::move(data.known)};
 }
 
 }  // namespace

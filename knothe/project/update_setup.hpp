@@ -26,6 +26,7 @@ struct UpdateSetup {
   std::vector<std::size_t> time_indices;          ///< of the observed model, per measured time
   std::shared_ptr<PictureMeasurements> pictures;  ///< where data come from pictures, one by one; else null
   std::vector<std::string> unused;                ///< series of the data that are not used: they have no std
+  Eigen::MatrixXd known;  ///< n_times × known parameters: their recorded values, unless the model has them
 };
 
 /// Reads model and data, and brings the model's parameters into the project file's order. Throws ProjectError

@@ -27,10 +27,10 @@ const std::vector<Row>& table() {
        "with a gate each candidate would use different data, and evidences of different data cannot be "
        "compared: leave out the gate or [model] candidates"},
       {F::verified,
-       {F::known, F::candidates},
+       {F::candidates},
        "method.verify",
-       "verify = \"full-order\" refines one model of the parameters that are inferred, by the full-order "
-       "model: it cannot be combined with {} (`knothe offline --refine` makes a finer model of the results)"},
+       "verify = \"full-order\" refines one model by the full-order model: it cannot be combined with {} "
+       "(`knothe offline --refine` makes a finer model of the results)"},
       {F::service,
        {F::clock},
        "data.clock",

@@ -115,15 +115,16 @@ CalibrationError read_calibration_error(const std::string& path, Index cameras, 
   return error;
 }
 
-Eigen::MatrixXd calibration_sensitivity(const std::vector<Camera>& cameras, const SurfacePoints& points,
+Eigen::MatrixXd calibration_sensitivity(const std::vector<Camera>& cameras, const StereoSurface& surface,
                                         const std::vector<CameraMotion>& motions,
                                         const SurfaceMotion& found) {
+  const SurfacePoints& points = surface.points;
   const Index n = points.cols(), count = std::ssize(cameras), size = k_camera_parameters;
   const SurfacePoints moved = points + Eigen::Map<const SurfacePoints>(found.displacement.data(), 3, n);
   std::vector<CameraMotion> rest = motions;
   for (CameraMotion& m : rest) m.displacement.setZero();
   Factor of_shape, of_motion;
-  factorise(of_shape, surface_motion(cameras, points, rest).precision);
+  factorise(of_shape, surface_motion(cameras, surface, rest).precision);
   factorise(of_motion, found.precision);
   std::vector<Derivatives> before, after;
   for (const Camera& camera : cameras)

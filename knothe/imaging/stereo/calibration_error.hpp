@@ -28,7 +28,7 @@ struct CalibrationError {
 /// covariance C, the displacements have S C Sᵀ beside the inverse of their precision. Errors: those of
 /// surface_motion.
 [[nodiscard]] Eigen::MatrixXd calibration_sensitivity(const std::vector<Camera>& cameras,
-                                                      const SurfacePoints& points,
+                                                      const StereoSurface& surface,
                                                       const std::vector<CameraMotion>& motions,
                                                       const SurfaceMotion& found);
 

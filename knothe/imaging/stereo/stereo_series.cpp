@@ -123,10 +123,10 @@ StereoResult StereoSeries::combined(std::vector<PictureResult> pictures) const {
   const auto start = std::chrono::steady_clock::now();
   try {
     const std::vector<CameraMotion> seen = motions(result, gamma);
-    result.motion = surface_motion(options_.cameras, surface_.points, seen);
+    result.motion = surface_motion(options_.cameras, surface_, seen);
     result.calibration = Eigen::MatrixXd::Zero(3 * surface_.points.cols(), 0);
     if (!options_.calibration.names.empty())
-      result.calibration = calibration_sensitivity(options_.cameras, surface_.points, seen, result.motion) *
+      result.calibration = calibration_sensitivity(options_.cameras, surface_, seen, result.motion) *
                            options_.calibration.factor;
     if (!(result.motion.epipolar_rms <= options_.epipolar_bound)) {
       result.message = fmt::format(
@@ -157,7 +157,7 @@ std::vector<CameraMotion> StereoSeries::motions(const StereoResult& result,
 
 Eigen::SparseMatrix<double> StereoSeries::precision(const StereoResult& result,
                                                     const std::vector<double>& gamma) const {
-  return surface_motion(options_.cameras, surface_.points, motions(result, gamma)).precision;
+  return surface_motion(options_.cameras, surface_, motions(result, gamma)).precision;
 }
 
 std::vector<std::string> StereoSeries::remarks() const {

@@ -11,6 +11,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/imaging/correlation/correlation_noise.hpp"
+#include "knothe/imaging/stereo/element_view.hpp"
 
 namespace knothe::imaging {
 namespace {
@@ -238,8 +239,9 @@ StereoSurface find_surface(const std::vector<Camera>& cameras, const std::vector
   return surface;
 }
 
-SurfaceMotion surface_motion(const std::vector<Camera>& cameras, const SurfacePoints& points,
+SurfaceMotion surface_motion(const std::vector<Camera>& cameras, const StereoSurface& surface,
                              const std::vector<CameraMotion>& motions) {
+  const SurfacePoints& points = surface.points;
   const Index n = points.cols();
   if (cameras.size() != motions.size()) throw UsageError("as many motions as cameras are needed");
   SurfaceMotion result;
@@ -257,7 +259,11 @@ SurfaceMotion surface_motion(const std::vector<Camera>& cameras, const SurfacePo
   result.displacement = Eigen::VectorXd::Zero(3 * n);
   if (result.redundancy == 0) throw NumericalError("no node is measured by two cameras");
   std::vector<ImageMesh> seen;
-  for (const Camera& camera : cameras) seen.push_back(seen_mesh(camera, points, {}));
+  std::vector<ElementView> views_of_elements;
+  for (Index c = 0; c < std::ssize(cameras); ++c) {
+    seen.push_back(seen_mesh(cameras[c], points, {}));
+    views_of_elements.emplace_back(cameras[c], points, surface.meshes.front().elements, motions[c].measured);
+  }
   const double reach = (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).norm();
   double squares = 0, step = reach;
   for (int k = 0; k < k_max_steps && step > k_converged * reach; ++k) {
@@ -266,13 +272,15 @@ SurfaceMotion surface_motion(const std::vector<Camera>& cameras, const SurfacePo
     result.chi_square = squares = 0;
     for (Index c = 0; c < std::ssize(cameras); ++c) {
       std::vector<Eigen::Matrix<double, 2, 3>> gradient(n);
+      const Eigen::VectorXd perspective = views_of_elements[c].perspective(result.displacement);
       Eigen::VectorXd residual = Eigen::VectorXd::Zero(2 * n);
       for (Index a = 0; a < n; ++a) {
         const Projection moved = cameras[c].project(points.col(a) + result.displacement.segment<3>(3 * a));
         gradient[a] = moved.jacobian;
         if (motions[c].measured[a] != 0)
           residual.segment<2>(2 * a) = motions[c].displacement.segment<2>(2 * a) -
-                                       (moved.pixel - Eigen::Vector2d(seen[c].x[a], seen[c].y[a]));
+                                       (moved.pixel - Eigen::Vector2d(seen[c].x[a], seen[c].y[a])) -
+                                       perspective.segment<2>(2 * a);
         if (result.measured[a] != 0) squares += residual.segment<2>(2 * a).squaredNorm();
       }
       const Sparse j = block_diagonal(gradient), weighted = motions[c].precision * j;

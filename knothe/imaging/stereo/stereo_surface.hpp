@@ -3,9 +3,10 @@
 ///
 /// One mesh on the surface has nodes X in space; camera c sees it as the plane mesh P_c(X), on which the
 /// pictures of that camera are correlated (image_correlation.hpp). From the displacements d_c of all cameras,
-/// with precisions Π_c, u = argmin Σ_c |P_c(X + u) − P_c(X) − d_c|²_{Π_c}: to second order this is the joint
-/// correlation of all pictures with the three components of u as unknowns, because Π_c is the Gauss–Newton
-/// matrix of camera c. Precision of u: Σ_c J_cᵀ Π_c J_c, J_c = ∂P_c/∂X.
+/// with precisions Π_c, u = argmin Σ_c |P_c(X + u) − P_c(X) + b_c(u) − d_c|²_{Π_c}: to second order this is
+/// the joint correlation of all pictures with the three components of u as unknowns, because Π_c is the
+/// Gauss–Newton matrix of camera c. b_c: what perspective adds between the nodes (element_view.hpp).
+/// Precision of u: Σ_c J_cᵀ Π_c J_c, J_c = ∂P_c/∂X.
 #include <Eigen/Core>
 #include <Eigen/SparseCore>
 #include <string>
@@ -59,7 +60,7 @@ struct SurfaceMotion {
 /// eliminated (their rows of the precision hold what one camera says). Errors: UsageError for sizes that do
 /// not fit, NumericalError where the normal matrix is singular, a node leaves the cameras' view, or
 /// Gauss–Newton does not converge.
-[[nodiscard]] SurfaceMotion surface_motion(const std::vector<Camera>& cameras, const SurfacePoints& points,
+[[nodiscard]] SurfaceMotion surface_motion(const std::vector<Camera>& cameras, const StereoSurface& surface,
                                            const std::vector<CameraMotion>& motions);
 
 /// Green's strain of the surface in its tangent plane, E = ½ G⁺ᵀ (gᵀg − GᵀG) G⁺ with the tangents G before

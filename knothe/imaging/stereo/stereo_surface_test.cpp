@@ -107,7 +107,7 @@ TEST(StereoSurface, ShapeAndMotionAreThoseDrawn) {
       return turn * x - x + Eigen::Vector3d(0.037, -0.021, 0.18);
     };
     const SurfaceMotion found =
-        surface_motion(scene.cameras, surface.points, motions_of(surface, before, scene.draw(motion), 1));
+        surface_motion(scene.cameras, surface, motions_of(surface, before, scene.draw(motion), 1));
     Eigen::Vector3d bias = Eigen::Vector3d::Zero();
     for (Index a = 0; a < surface.points.cols(); ++a) {
       const Eigen::Vector3d e = found.displacement.segment<3>(3 * a) - motion(surface.points.col(a));
@@ -126,7 +126,7 @@ TEST(StereoSurface, AMillimetreTowardsTheCamerasIsNoStrain) {
   const StereoSurface surface = find_surface(scene.cameras, before, mesh_of_scene());
   const auto after = scene.draw([](const auto&) { return Eigen::Vector3d(0, 0, -1); });
   const auto motions = motions_of(surface, before, after, 1);
-  const SurfaceMotion found = surface_motion(scene.cameras, surface.points, motions);
+  const SurfaceMotion found = surface_motion(scene.cameras, surface, motions);
   // Mean strain along x: the slope of u over x, by least squares; of one camera, of its px.
   const auto slope = [&](const auto& x, const auto& u) {
     double mean = 0, xx = 0, xu = 0;
@@ -144,6 +144,77 @@ TEST(StereoSurface, AMillimetreTowardsTheCamerasIsNoStrain) {
   RecordProperty("false_strain_microstrain", std::to_string(1e6 * seen));
 }
 
+/// The displacements of the nodes that fit best, at all pixels, the motion of elements that are bilinear on
+/// the surface: what correlation without errors finds.
+Eigen::VectorXd fitted_motion(const Camera& camera, const StereoSurface& surface, const ImageMesh& seen,
+                              const Eigen::Matrix3Xd& u) {
+  constexpr int k_size = 60;  // places a direction of each element
+  const Index n = surface.points.cols();
+  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(n, n), right = Eigen::MatrixXd::Zero(n, 2);
+  const PointLocator locator(seen);
+  for (const auto& nodes : seen.elements)
+    for (int i = 0; i < k_size; ++i)
+      for (int j = 0; j < k_size; ++j) {
+        const double s = (i + 0.5) / k_size, t = (j + 0.5) / k_size;
+        const Eigen::Vector4d shape((1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t);
+        Eigen::Vector3d x = Eigen::Vector3d::Zero(), moved = x;
+        for (int a = 0; a < 4; ++a) {
+          x += shape[a] * surface.points.col(nodes[a]);
+          moved += shape[a] * (surface.points.col(nodes[a]) + u.col(nodes[a]));
+        }
+        const Eigen::Vector2d pixel = camera.project(x).pixel, d = camera.project(moved).pixel - pixel;
+        const PointLocator::Place place = locator.find(pixel.x(), pixel.y());
+        if (place.element < 0) continue;  // distortion bends the border
+        for (int a = 0; a < 4; ++a) {
+          const int node = seen.elements[place.element][a];
+          right.row(node) += place.shape[a] * d.transpose();
+          for (int b = 0; b < 4; ++b)
+            normal(node, seen.elements[place.element][b]) += place.shape[a] * place.shape[b];
+        }
+      }
+  const Eigen::MatrixXd best = normal.llt().solve(right);
+  return best.transpose().reshaped();
+}
+
+TEST(StereoSurface, LargeElementsAreBilinearOnTheSurfaceAndNotInThePictures) {
+  std::vector<Camera> cameras = two_cameras(600, 400);
+  StereoSurface surface;
+  surface.points.resize(3, 15);  // mm, 2 × 4 elements of 30 mm × 50 mm at 1 m
+  std::vector<std::array<int, 4>> elements;
+  for (int i = 0; i < 5; ++i)
+    for (int j = 0; j < 3; ++j) {
+      surface.points.col(3 * i + j) << 30.0 * i - 60, 50.0 * j - 50, 0.1 * i * j;
+      if (i < 4 && j < 2) elements.push_back({3 * i + j, 3 * i + 3 + j, 3 * i + 4 + j, 3 * i + 1 + j});
+    }
+  std::mt19937_64 generator(5);
+  std::normal_distribution<double> normal;
+  Eigen::Matrix3Xd u(3, 15);  // mm: strains of 1 %
+  for (double& value : u.reshaped()) value = 0.3 * normal(generator);
+  std::vector<CameraMotion> motions;
+  double least = 0, bias = 0;
+  for (Camera& camera : cameras) {
+    camera.fx = camera.fy = 2500, camera.radial = {-0.2, 0.1};
+    const ImageMesh seen = seen_mesh(camera, surface.points, elements);
+    surface.meshes.push_back(seen);
+    const Eigen::VectorXd d = fitted_motion(camera, surface, seen, u);
+    for (Index a = 0; a < 15; ++a) {
+      const Eigen::Vector2d moved = camera.project(surface.points.col(a) + u.col(a)).pixel;
+      bias = std::max(bias, (d.segment<2>(2 * a) + Eigen::Vector2d(seen.x[a], seen.y[a]) - moved).norm());
+    }
+    Eigen::SparseMatrix<double> precision(30, 30);
+    precision.setIdentity();
+    motions.push_back({d, precision, std::vector<char>(15, 1)});
+  }
+  const SurfaceMotion found = surface_motion(cameras, surface, motions);
+  for (Index a = 0; a < 15; ++a)
+    least = std::max(least, (found.displacement.segment<3>(3 * a) - u.col(a)).norm());
+  EXPECT_GT(bias, 0.01);                                  // px, without the correction
+  EXPECT_LT(least, 0.02 * bias / 2.5 / std::sin(0.218));  // mm, 2.5 px/mm
+  EXPECT_LT(found.epipolar_rms, 0.02 * bias);
+  RecordProperty("bias_px", std::to_string(bias));
+  RecordProperty("left_mm", std::to_string(least));
+}
+
 TEST(StereoSurface, TheErrorsAreThoseOfThePrecision) {
   const Scene scene;
   const auto before = scene.reference();
@@ -159,7 +230,7 @@ TEST(StereoSurface, TheErrorsAreThoseOfThePrecision) {
       second.push_back(noisy(after[c], noise, 5000 + 2 * k + c));
     }
     const SurfaceMotion found =
-        surface_motion(scene.cameras, surface.points, motions_of(surface, first, second, noise));
+        surface_motion(scene.cameras, surface, motions_of(surface, first, second, noise));
     Eigen::VectorXd error = found.displacement;
     for (Index a = 0; a < surface.points.cols(); ++a) error.segment<3>(3 * a) -= motion;
     errors += error.dot(found.precision * error);
@@ -180,8 +251,8 @@ SurfaceMotion measured_by(const std::vector<Camera>& cameras, const std::vector<
                           Eigen::MatrixXd* sensitivity = nullptr) {
   const StereoSurface surface = find_surface(cameras, before, mesh_of_scene());
   const auto motions = motions_of(surface, before, after, noise);
-  SurfaceMotion found = surface_motion(cameras, surface.points, motions);
-  if (sensitivity != nullptr) *sensitivity = calibration_sensitivity(cameras, surface.points, motions, found);
+  SurfaceMotion found = surface_motion(cameras, surface, motions);
+  if (sensitivity != nullptr) *sensitivity = calibration_sensitivity(cameras, surface, motions, found);
   return found;
 }
 
@@ -303,7 +374,7 @@ TEST(StereoSurface, NodesThatOneCameraLostAreNotMeasured) {
     for (Index j = 0; j < p.rows(); ++j)
       if (p.coeff(i, j) != 0) p.coeffRef(i, j) = 0, p.coeffRef(j, i) = 0;
   motions[1].measured[0] = 0;
-  const SurfaceMotion found = surface_motion(scene.cameras, surface.points, motions);
+  const SurfaceMotion found = surface_motion(scene.cameras, surface, motions);
   EXPECT_EQ(found.measured[0], 0);
   EXPECT_EQ(found.redundancy, surface.points.cols() - 1);
   EXPECT_EQ(found.std[0], 0);
@@ -429,7 +500,7 @@ TEST(StereoSurface, TheRealPairAgreesWithAPeer) {
   const auto cameras = cameras_of_gt4();
   const StereoSurface surface = find_surface(cameras, before, structured_mesh({600, 300, 1200, 900}, 40));
   EXPECT_LT(surface.epipolar_rms, 0.3);
-  const SurfaceMotion found = surface_motion(cameras, surface.points, motions_of(surface, before, after, 0));
+  const SurfaceMotion found = surface_motion(cameras, surface, motions_of(surface, before, after, 0));
   EXPECT_LT(found.epipolar_rms, 0.03);
   RecordProperty("epipolar_px", std::to_string(surface.epipolar_rms));
   RecordProperty("epipolar_of_motion_px", std::to_string(found.epipolar_rms));

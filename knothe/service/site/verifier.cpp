@@ -173,7 +173,7 @@ std::shared_ptr<const ServedModel> Verifier::refine(const Question& question) {
     auto simulator = project::full_order_simulator(project_, folder, stop_.get_token());
     project::RefinementStart start{model::kept_solutions(*simulator, folder), v.runs, v.version, true, true};
     start.used = std::min(start.used, start.solutions.size());
-    project::Refinement refinement(project_, question.model->setup.pictures, std::move(simulator), folder,
+    project::Refinement refinement(project_, question.model->setup, std::move(simulator), folder,
                                    std::move(start));
     const bool is_refined = refinement.refine_if_needed(engine, result, question.thorough);
     v.trouble = refinement.trouble();
