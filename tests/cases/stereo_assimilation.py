@@ -85,8 +85,8 @@ with h5py.File("u.h5", "a") as file:
     print(json.dumps([float(abs((measured - exact)[:, component == k]).max()) for k in range(3)]))
 """
 
-WIDTH, HEIGHT, FOCAL = 340, 170, 2500  # px
-DISTANCE = 2  # m; elements of 3 cm
+WIDTH, HEIGHT, FOCAL = 340, 170, 1250  # px
+DISTANCE = 1  # m; elements of 3 cm, in which perspective moves material by 0.1 px from one camera to the other
 CENTRE = (0, 0.05, 0.05)  # of the face, m
 CAMERAS = """
 [dic]
@@ -204,7 +204,7 @@ class Test(Case):
         for one, other in zip(measured, exact):
             for k in range(2):
                 std = math.sqrt(other["covariance"][k][k])
-                self.assertLess(abs(one["mean"][k] - other["mean"][k]), 0.1 * std)
+                self.assertLess(abs(one["mean"][k] - other["mean"][k]), 0.05 * std)
                 self.assertAlmostEqual(math.sqrt(one["covariance"][k][k]), std, delta=0.01 * std)
 
     def test_pictures_with_noise_cover_the_truth_in_any_frame(self):

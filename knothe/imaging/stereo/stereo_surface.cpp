@@ -72,7 +72,8 @@ Match match(ImageCorrelation& correlation, const files::Picture& other, Index ca
   if (!result.converged)
     throw DataError(fmt::format(
         "the reference pictures of cameras 0 and {} cannot be matched ({}): they must show the same "
-        "surface at the same time, from directions less than some 35° apart",
+        "surface at the same time, from directions less than some 35° apart; small elements may need to "
+        "be larger",
         camera, result.message));
   const ImageMesh& mesh = correlation.mesh();
   Match found;
@@ -130,21 +131,26 @@ Sight first_sight(const std::vector<Camera>& cameras, const ImageMesh& mesh,
 }
 
 /// Gauss–Newton for the depths; returns the root of the mean square residual per redundant value, px.
-double refine_depths(const std::vector<Camera>& cameras, const std::vector<Match>& matches, Sight& sight) {
+double refine_depths(const std::vector<Camera>& cameras, const ImageMesh& mesh,
+                     const std::vector<Match>& matches, Sight& sight) {
   const Index n = std::ssize(sight.rays), others = std::ssize(matches);
   double squares = 0, step = 1;
   for (int k = 0; k < k_max_steps && step > 1e-9; ++k) {
     Sparse normal(n, n);
     Eigen::VectorXd right = Eigen::VectorXd::Zero(n);
     const SurfacePoints x = sight.points();
+    const ElementView view(cameras[0], x, mesh.elements, sight.measured);
     squares = 0;
     for (Index c = 0; c < others; ++c) {
       std::vector<Eigen::Vector2d> slope(n);
+      const Eigen::VectorXd perspective = view.perspective(cameras[c + 1], x);
       Eigen::VectorXd residual = Eigen::VectorXd::Zero(2 * n);
       for (Index a = 0; a < n; ++a) {
         const Projection p = cameras[c + 1].project(x.col(a));
         slope[a] = p.jacobian * sight.rays[a].direction;
-        if (sight.measured[a] != 0) residual.segment<2>(2 * a) = matches[c].place.segment<2>(2 * a) - p.pixel;
+        if (sight.measured[a] != 0)
+          residual.segment<2>(2 * a) =
+              matches[c].place.segment<2>(2 * a) - p.pixel - perspective.segment<2>(2 * a);
       }
       const Sparse j = block_diagonal(slope);
       const Sparse weighted = matches[c].weight * j;
@@ -211,7 +217,7 @@ StereoSurface find_surface(const std::vector<Camera>& cameras, const std::vector
   std::vector<Match> matches;
   for (Index c = 1; c < std::ssize(cameras); ++c) matches.push_back(match(correlation, references[c], c));
   Sight sight = first_sight(cameras, mesh, matches);
-  const double epipolar = refine_depths(cameras, matches, sight);
+  const double epipolar = refine_depths(cameras, mesh, matches, sight);
   if (!(epipolar <= epipolar_bound))
     throw DataError(fmt::format(
         "the lines of sight of matched points miss each other by {:.3g} px (root mean square), more than {} "
@@ -259,10 +265,12 @@ SurfaceMotion surface_motion(const std::vector<Camera>& cameras, const StereoSur
   result.displacement = Eigen::VectorXd::Zero(3 * n);
   if (result.redundancy == 0) throw NumericalError("no node is measured by two cameras");
   std::vector<ImageMesh> seen;
-  std::vector<ElementView> views_of_elements;
+  std::vector<ElementView> elements;
+  std::vector<Eigen::VectorXd> before;  // of the lens alone
   for (Index c = 0; c < std::ssize(cameras); ++c) {
     seen.push_back(seen_mesh(cameras[c], points, {}));
-    views_of_elements.emplace_back(cameras[c], points, surface.meshes.front().elements, motions[c].measured);
+    elements.emplace_back(cameras[c], points, surface.meshes.front().elements, motions[c].measured);
+    before.push_back(elements[c].perspective(cameras[c], points));
   }
   const double reach = (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).norm();
   double squares = 0, step = reach;
@@ -270,12 +278,14 @@ SurfaceMotion surface_motion(const std::vector<Camera>& cameras, const StereoSur
     Sparse normal(3 * n, 3 * n);
     Eigen::VectorXd right = Eigen::VectorXd::Zero(3 * n);
     result.chi_square = squares = 0;
+    const SurfacePoints moved_points =
+        points + Eigen::Map<const SurfacePoints>(result.displacement.data(), 3, n);
     for (Index c = 0; c < std::ssize(cameras); ++c) {
       std::vector<Eigen::Matrix<double, 2, 3>> gradient(n);
-      const Eigen::VectorXd perspective = views_of_elements[c].perspective(result.displacement);
+      const Eigen::VectorXd perspective = elements[c].perspective(cameras[c], moved_points) - before[c];
       Eigen::VectorXd residual = Eigen::VectorXd::Zero(2 * n);
       for (Index a = 0; a < n; ++a) {
-        const Projection moved = cameras[c].project(points.col(a) + result.displacement.segment<3>(3 * a));
+        const Projection moved = cameras[c].project(moved_points.col(a));
         gradient[a] = moved.jacobian;
         if (motions[c].measured[a] != 0)
           residual.segment<2>(2 * a) = motions[c].displacement.segment<2>(2 * a) -

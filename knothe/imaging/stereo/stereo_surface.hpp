@@ -48,10 +48,10 @@ struct SurfaceMotion {
 
 /// The shape: the reference of the first camera is correlated with that of each other on `mesh` (px of the
 /// first), and each node lies on the first camera's line of sight through it where the others see it best,
-/// z = argmin Σ_c |P_c(X(z)) − p_0 − d_0c|²_{M_c}. Elements that another camera does not see are left out.
-/// Errors: UsageError where cameras and references differ in number or nothing is seen by all cameras;
-/// DataError where the epipolar residual is above `epipolar_bound` px, which says that the calibration does
-/// not belong to the pictures.
+/// z = argmin Σ_c |P_c(X(z)) + b_c − p_0 − d_0c|²_{M_c}, b_c what perspective adds between the nodes.
+/// Elements that another camera does not see are left out. Errors: UsageError where cameras and references
+/// differ in number or nothing is seen by all cameras; DataError where the epipolar residual is above
+/// `epipolar_bound` px, which says that the calibration does not belong to the pictures.
 [[nodiscard]] StereoSurface find_surface(const std::vector<Camera>& cameras,
                                          const std::vector<files::Picture>& references, const ImageMesh& mesh,
                                          const CorrelationOptions& options = {}, double epipolar_bound = 0.5);
