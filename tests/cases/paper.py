@@ -1,4 +1,4 @@
-"""examples/beam/beam.toml, the paper's case, with 30 modes, to the accuracy that the project promises."""
+"""examples/beam/beam.toml, the paper's case, on a grid of 9 × 9 and with 30 modes, to the accuracy that the project promises."""
 import json
 import os
 import shutil
