@@ -67,13 +67,19 @@ struct Match {
   std::vector<char> element_valid, measured;
 };
 
-Match match(ImageCorrelation& correlation, const files::Picture& other, Index camera) {
+/// Sharp speckle and small elements need a filter where the two views differ much.
+Match match(const files::Picture& reference, const ImageMesh& mesh_of_first, CorrelationOptions options,
+            const files::Picture& other, Index camera) {
+  ImageCorrelation correlation(reference, mesh_of_first, options);
   const CorrelationResult result = correlation.correlate(other);
+  if (!result.converged && options.prefilter_sigma < 1) {
+    options.prefilter_sigma = 1;
+    return match(reference, mesh_of_first, options, other, camera);
+  }
   if (!result.converged)
     throw DataError(fmt::format(
         "the reference pictures of cameras 0 and {} cannot be matched ({}): they must show the same "
-        "surface at the same time, from directions less than some 35° apart; small elements may need to "
-        "be larger",
+        "surface at the same time, from directions less than some 35° apart; or take larger elements",
         camera, result.message));
   const ImageMesh& mesh = correlation.mesh();
   Match found;
@@ -213,9 +219,9 @@ StereoSurface find_surface(const std::vector<Camera>& cameras, const std::vector
   if (cameras.size() < 2 || cameras.size() != references.size())
     throw UsageError(fmt::format("{} cameras and {} reference pictures: two or more of either, and as many",
                                  cameras.size(), references.size()));
-  ImageCorrelation correlation(references[0], mesh, options);
   std::vector<Match> matches;
-  for (Index c = 1; c < std::ssize(cameras); ++c) matches.push_back(match(correlation, references[c], c));
+  for (Index c = 1; c < std::ssize(cameras); ++c)
+    matches.push_back(match(references[0], mesh, options, references[c], c));
   Sight sight = first_sight(cameras, mesh, matches);
   const double epipolar = refine_depths(cameras, mesh, matches, sight);
   if (!(epipolar <= epipolar_bound))
