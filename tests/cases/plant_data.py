@@ -21,26 +21,14 @@ import unittest
 
 from dashboard import exit_status
 from documentation import free_port
-from service_support import Service, ServiceCase
-from support import FIXTURES, KNOTHE, REPOSITORY, read_csv, write_csv
+from plant_support import PLANT, PlantCase
+from service_support import Service
+from support import read_csv, write_csv
 
-PLANT = REPOSITORY / "deploy" / "plant"
 STEPS = int(os.environ.get("KNOTHE_PLANT_STEPS", "12"))
 SECONDS = 60 if STEPS > 12 else 6
 START = 1  # s from when it is configured
 FORCE, GAUGE = (50.0, 20.0), (1e-6, 5e-6)  # values at the start, and their rates per s
-
-
-def locked_packages():
-    """Installs the bridge's locked npm packages if they are not there; why they cannot be, in words."""
-    installed = PLANT / "node_modules" / ".package-lock.json"
-    if installed.exists() and installed.stat().st_mtime >= (PLANT / "package-lock.json").stat().st_mtime:
-        return None
-    try:
-        done = subprocess.run(["npm", "ci", "--no-audit", "--no-fund"], cwd=PLANT, capture_output=True, text=True, timeout=200)
-    except (OSError, subprocess.TimeoutExpired) as error:
-        return f"npm ci: {error} (no network?)"
-    return None if done.returncode == 0 else f"npm ci failed (no network?): {done.stderr[-300:]}"
 
 
 class ModbusServer:
@@ -101,7 +89,7 @@ class LibmodbusServer:
 
 
 @unittest.skipUnless(shutil.which("node"), "node is not installed")
-class Test(ServiceCase):
+class Test(PlantCase):
     def setUp(self):
         super().setUp()
         self.seconds = SECONDS
@@ -123,11 +111,6 @@ class Test(ServiceCase):
         subprocess.run([pathlib.Path(os.environ["KNOTHE_DATA_TO_CSV"]).with_name("make_snapshots"), self.folder, str(STEPS)], check=True)
         self.expect(0, "model", "import", "snapshots.h5", "-o", "model.h5", "--tolerance", "1e-9")
 
-    def need_packages(self):
-        missing = locked_packages()
-        if missing:
-            self.skipTest(missing)
-
     def configure(self, port, channels, session="first", **more):
         """Begins the test in a second from now, which lasts `self.seconds`; `self.instants`: the steps of the model, Unix time in s."""
         self.start = round(time.time() + START, 3)
@@ -138,30 +121,6 @@ class Test(ServiceCase):
         self.write_configuration()
         self.instants = [self.start + self.seconds * (k + 1) / STEPS for k in range(STEPS)]
 
-    def write_configuration(self):
-        (self.folder / "plant.json").write_text(json.dumps(self.configuration, indent=1))
-
-    def bridge(self):
-        with open(self.folder / "bridge.log", "a") as log:
-            process = subprocess.Popen(["node", PLANT / "knothe-plant.mjs", "plant.json"], cwd=self.folder, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
-        self.addCleanup(lambda: process.poll() is None and (process.kill(), process.wait()))
-        return process
-
-    def bridge_said(self):
-        return (self.folder / "bridge.log").read_text()
-
-    def refused(self, status, *texts):
-        (self.folder / "bridge.log").unlink(missing_ok=True)
-        self.assertEqual(self.bridge().wait(60), status, self.bridge_said())
-        for text in texts:
-            self.assertIn(text, self.bridge_said())
-
-    def wait_until(self, condition, seconds=120):
-        end = time.monotonic() + seconds + self.seconds
-        while not condition():
-            assert time.monotonic() < end, self.bridge_said()[-4000:]
-            time.sleep(0.02)
-
     def series(self, journal="assimilation.journal"):
         """What a journal has of each sensor: [(step, value)], missing values left out."""
         self.expect(0, "export", journal, "-o", "export.csv")
@@ -170,21 +129,6 @@ class Test(ServiceCase):
             if row["value"] not in ("", "nan"):
                 found.setdefault(row["sensor"], []).append((round(float(row["time"]) * STEPS) - 1, float(row["value"])))
         return found
-
-    def opcua_server(self):
-        """The simulated server, which takes its nodes' signals as a line, and its port."""
-        said = self.folder / "opcua.log"
-        for port in (free_port() for _ in range(5)):  # one that was free may be taken meanwhile
-            with open(said, "w") as log:
-                server = subprocess.Popen(["node", PLANT / "test" / "opcua_server.mjs", str(port), self.folder], stdin=subprocess.PIPE, stdout=log, stderr=log)
-            self.addCleanup(lambda server=server: (server.kill(), server.wait(), server.stdin.close()))
-            end = time.monotonic() + 40
-            while server.poll() is None and time.monotonic() < end and "listening" not in said.read_text():
-                time.sleep(0.02)
-            if "listening" in said.read_text():
-                return server, port
-            server.kill()
-        self.fail(said.read_text()[-4000:])
 
     def run_with_kills(self, service, port, between=lambda: None, meanwhile=lambda: time.sleep(1)):
         """The bridge is killed with -9 at a third of the test (at night five times), the service at a half; both come back."""
@@ -346,7 +290,7 @@ class Test(ServiceCase):
 
     def test_what_is_wrong_is_said_with_its_place(self):
         channels = {"reaction_force": {"register": 1, "type": "float32", "every": 0.1}}
-        for example in ("opcua.example.json", "modbus.example.json"):
+        for example in ("opcua.example.json", "modbus.example.json", "command.example.json"):
             self.configuration = json.loads((PLANT / example).read_text())
             self.configuration["spool"] = "/dev/null/spool"
             self.write_configuration()
