@@ -413,6 +413,38 @@ test("after a rejection it is measured three times again", async () => {
   });
 });
 
+test("somebody who has looked may have it measured three times more", async () => {
+  await scene(DRIVEN, async ({ looks, lines, path, start }) => {
+    const reject = async (data) => {
+      const seen = view(1, decision("hold", 0.1, { plan: [] }), { level: "reject" });
+      seen.line.data = data;
+      await looks(seen, 4);
+    };
+    await looks(EMPTY, 3);
+    for (let data = 1; data < 6; ++data) await reject(data);
+    new Spool(path, IDENTITY).write({ released: new Date(1e12).toISOString() });
+    await start();
+    for (let data = 5; data < 12; ++data) await reject(data);
+    assert.equal(lines().filter(({ channels }) => channels).length, 7);
+  });
+});
+
+test("what was decided before the last datum was stored, or before all were withdrawn, moves nothing", async () => {
+  await scene(DRIVEN, async (all) => {
+    const { machine, looks } = all;
+    await looks(EMPTY, 3);
+    all.spool.sent_at = all.now + 600; // the answer to a question that was asked earlier
+    await looks(view(1, decision("load", 0.3)));
+    assert.equal(machine.had.length, 1);
+    await looks(view(1, decision("load", 0.4)), 3);
+    await looks(EMPTY, 3);
+    assert.deepEqual(machine.had, [
+      ["load", 1, 0.1],
+      ["load", 2, 0.4],
+    ]);
+  });
+});
+
 test("a bridge that ends tells the machine", async () => {
   await scene(COMMAND, async ({ machine, looks, commander }) => {
     await looks(view(1, decision("load", 0.2)), 3);
