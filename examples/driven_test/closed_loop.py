@@ -26,22 +26,24 @@ BRIDGE = next((path for path in (HERE.parents[1] / "deploy/plant/knothe-plant.mj
                if path.exists()), None)
 KNOTHE = os.environ.get("KNOTHE", "knothe")
 FULL = 0.4  # mm at model time 1: [offline] displacement
+FIRST = 0.05  # model time of the first load, about
 LIMIT = 0.04  # m: [forecast.crack] threshold
 
 
-def configuration(service, modbus, sensors, spool, armed=True):
+def configuration(service, modbus, specimen, spool):
     """Of the bridge (docs/how-to/drive-a-machine.md). The machine is told mm, knothe decides m."""
+    first = min(specimen.times, key=lambda t: abs(t - FIRST))
     return {
         "service": {"address": service},
         "source": "machine",
         "session": "closed-loop",
         "spool": str(spool),
         "modbus": {"address": f"127.0.0.1:{modbus}"},
-        "channels": {str(k): {"register": SENSORS + 2 * k, "table": "input", "type": "float32"} for k in range(sensors)},
+        "channels": {str(k): {"register": SENSORS + 2 * k, "table": "input", "type": "float32"} for k in range(len(specimen.deviations))},
         "command": {
-            "armed": armed, "timeout": 5, "dead_time": 60,
-            "limits": {"lower": 0, "upper": 4e-4, "step": 1e-4},
-            "first": {"time": 0.05, "set_point": 2e-5},
+            "armed": True, "timeout": 5, "dead_time": 60,
+            "limits": {"lower": 0, "upper": 1e-3 * FULL, "step": 1e-4},
+            "first": {"time": first, "set_point": 1e-3 * FULL * first},
             "set_point": {"register": SET_POINT, "type": "float32", "scale": 1e-3, "unit": "mm"},
             "action": {"register": ACTION, "codes": {"hold": 0, "load": 1, "stop": 2}},
             "sequence": {"register": SEQUENCE},
@@ -94,6 +96,20 @@ def cracks_of(folder, truth, times, log):
         service.wait()
 
 
+def run_bridge(folder, spool, log):
+    """Its exit status: until the test has stopped, or is held until somebody has looked, and there is nobody."""
+    bridge = subprocess.Popen(["node", BRIDGE, folder / "plant.json"], stderr=log)
+    try:
+        while bridge.poll() is None:
+            time.sleep(0.2)
+            if spool.exists() and "somebody has to look" in spool.read_text():
+                bridge.terminate()
+                return {130: 0}.get(bridge.wait(), bridge.returncode)
+        return bridge.returncode
+    finally:
+        bridge.kill()
+
+
 def report(url, truth, machine, cracks, spool):
     """What was seen, in five lines."""
     line = ask(url, "/v1/state")
@@ -103,8 +119,8 @@ def report(url, truth, machine, cracks, spool):
     loads = [f"{1e3 * order['set_point']:.3g}" for order in orders if order["action"] == "load"]
     print(f"commands:  {len(orders)} sent, {len(acknowledged)} acknowledged; loaded to {', '.join(loads)} mm")
     holds = [order for order in orders if order["action"] == "hold"]
-    print(f"held:      {len(holds)} times to measure again, {sum('interrupts' in hold for hold in holds)} times for safety,"
-          f" {machine.held_by_watchdog} times by the machine's watchdog")
+    again = sum("time" in hold for hold in holds)
+    print(f"held:      {again} times to measure again, {len(holds) - again} times for safety, {machine.held_by_watchdog} times by the machine's watchdog")
     estimates = [f"{name} = {mean:.3f} ± {variance[k] ** 0.5:.3f} (truth {truth[k]})"
                  for k, (name, mean, variance) in enumerate(zip(line["parameters"], line["mean"], line["covariance"]))]
     print(f"posterior: {', '.join(estimates)} after {sum('channels' in entry for entry in lines)} measurements; {line['verdict']['level']}")
@@ -138,11 +154,11 @@ def main():
         machine = Machine(Specimen(url, truth, told.seed), FULL, told.rate, watchdog=2)
         cracks = cracks_of(folder, truth, machine.specimen.times, log)
         spool = folder / "spool.jsonl"
-        wanted = configuration(url, machine.port, len(machine.specimen.deviations), spool)
+        wanted = configuration(url, machine.port, machine.specimen, spool)
         (folder / "plant.json").write_text(json.dumps(wanted, indent=1))
-        bridge = subprocess.run(["node", BRIDGE, folder / "plant.json"], stderr=log, check=False)
-        if bridge.returncode:
-            sys.exit(f"the bridge ended with status {bridge.returncode}: {folder}/log.txt")
+        status = run_bridge(folder, spool, log)
+        if status:
+            sys.exit(f"the bridge ended with status {status}: {folder}/log.txt")
         return report(url, truth, machine, cracks, spool)
     finally:
         service.terminate()
