@@ -54,7 +54,10 @@ export class Commander {
     else if ("released" in order) {
       this.held = this.handled = null;
       this.released = Date.parse(order.released);
-      if (this.last) this.last.tries = 0;
+      // Whatever number the machine has now is right, and whatever it does may be cut short.
+      const { set_point, place, journal } = this.last ?? {};
+      if (this.last) this.written = [{ action: "load", set_point, place, journal }];
+      this.acknowledged = true;
     } else this.count(order);
   }
 
@@ -90,8 +93,9 @@ export class Commander {
     for (const name of Object.keys(points)) this[`${name}_now`] = await this.read(machine, name);
     this.beats = this.heartbeat_now;
     this.refused = false;
-    if (!this.last) this.number = this.sequence_now;
-    else if (this.acknowledged && this.acknowledge_now === this.last.command)
+    this.put = null;
+    if (this.number === 0) this.number = this.sequence_now;
+    if (this.last?.command && this.acknowledged && this.acknowledge_now === this.last.command)
       this.log(`command ${this.last.command} (${this.last.action}): confirmed`);
   }
 
@@ -118,9 +122,9 @@ export class Commander {
   }
 
   confirm() {
-    if (!this.last) return;
+    if (!this.last?.command) return;
     const { command, action } = this.last;
-    if (this.sequence_now !== command && !this.acknowledged) {
+    if (this.sequence_now !== command && !this.acknowledged && this.put !== command) {
       this.log(`command ${command} (${action}) did not get to the machine`);
       return this.note({ dropped: command, at: this.time() });
     }
@@ -132,6 +136,7 @@ export class Commander {
     if (this.acknowledge_now === command) {
       this.note({ acknowledged: command, at: this.time() });
       this.deaf = false;
+      this.since = this.now();
       return this.log(`command ${command} (${action}): acknowledged`);
     }
     if (this.now() - this.since <= 1000 * this.command.timeout) return;
@@ -189,7 +194,10 @@ export class Commander {
     if (!this.acknowledged) return void (this.idle = false);
     if (this.is_moving()) {
       this.idle = false;
+      const { travel } = this.command;
       if (this.reached_now === this.last.command) this.begin_to_measure(machine);
+      else if (this.now() - this.since > 1000 * travel)
+        this.latch(`ALARM: command ${this.last.command} (${this.last.action}) is not done within ${travel} s`);
       return;
     }
     if (status.step === undefined) return this.begin(machine, status);
@@ -265,7 +273,9 @@ export class Commander {
       return this.log(`dry run ("armed" is not true): would send ${what}`, "dry run");
     }
     if (this.refused) return;
-    const command = (this.number % 65535) + 1;
+    const after = (number) => (number % 65535) + 1;
+    const next = after(this.number);
+    const command = next === this.sequence_now ? after(next) : next; // the machine acts where it changes
     const { action, sequence, set_point } = this.command;
     const journal = order.journal ?? this.last?.journal;
     this.note({ command, at: this.time(), ...order, ...(journal && { journal }) });
@@ -280,7 +290,10 @@ export class Commander {
     ];
     for (const [name, number] of writes) {
       const refusal = await machine.write(number, this.command[name]);
-      if (refusal === undefined) continue;
+      if (refusal === undefined) {
+        if (name === "sequence") this.put = command;
+        continue;
+      }
       this.refused = order.action !== "load"; // not even that: it is left alone until the next connection
       this.deaf ||= this.refused;
       return this.latch(`ALARM: command.${name}: the machine refuses ${number}: ${refusal}`);

@@ -58,6 +58,7 @@ const members = {
   command: {
     armed: [truth],
     timeout: [positive],
+    travel: [positive],
     dead_time: [positive, true],
     limits: [table, true],
     first: [table],

@@ -306,7 +306,7 @@ class Test(PlantCase):
         command["heartbeat"] = {"register": -1}
         self.write_configuration()
         self.refused(3, "time: must be absent with command.reached: data are taken where the machine has reached a command",
-                     "channels.3.every: is not known here", "command.halt: is not known here; there are armed, timeout, dead_time,",
+                     "channels.3.every: is not known here", "command.halt: is not known here; there are armed, timeout, travel, dead_time,",
                      'command.armed: must be true or false, not "yes"', "command.timeout: must be a positive number, not 0",
                      "command.dead_time: is missing", "command.acknowledge: is missing", 'command.limits.upper: must be a number, not "high"',
                      "command.limits.step: is missing", 'command.action.codes: must be {"hold": …, "load": …, "stop": …} with integers',

@@ -37,9 +37,11 @@ class Machine {
   async write(number, { node }) {
     if (this.refuses?.has(node)) return "BadUserAccessDenied";
     if (this.lost === node) throw new Error("the connection is lost");
+    if (node === "sequence") assert.notEqual(number, this.numbers.sequence, "the machine sees no change");
     this.numbers[node] = number;
     if (node !== "heartbeat") this.writes.push([node, number]);
-    if (node === "sequence" && !this.mute) this.numbers.acknowledge = this.numbers.reached = number;
+    if (node === "sequence" && !this.mute) this.numbers.acknowledge = number;
+    if (node === "sequence" && !this.mute && !this.stuck) this.numbers.reached = number;
     return undefined;
   }
 
@@ -397,6 +399,60 @@ test("a machine that was started again, or that refuses, is left alone", async (
       assert.deepEqual(machine.had, refuses.length === 1 ? [["hold", 2, undefined]] : []);
       assert.ok(lines().length < 9);
     });
+});
+
+test("a machine that was started again goes on from its own number, once somebody has looked", async () => {
+  for (const [command, seen] of [
+    [COMMAND, view(2, decision("hold", 0.2))],
+    [DRIVEN, view(2, decision("load", 0.4))],
+  ])
+    await scene(command, async ({ machine, looks, path, start }) => {
+      await looks(EMPTY, 3);
+      await looks(view(1, decision("load", 0.2)), 3);
+      await looks(seen, 3);
+      for (const sets of [() => 0, () => 20, (number) => number + 1]) {
+        const sequence = sets(machine.numbers.sequence);
+        machine.numbers.sequence = machine.numbers.acknowledge = machine.numbers.reached = sequence;
+        const before = machine.had.length;
+        await looks(view(3, decision("load", 0.45)), 4);
+        assert.ok(machine.had.length <= before + 1);
+        new Spool(path, IDENTITY).write({ released: new Date(1e12).toISOString() });
+        await start();
+        await looks(view(4, decision("load", 0.5 + 0.001 * sequence)), 4);
+        assert.deepEqual([machine.had.at(-1)[0], machine.numbers.acknowledge], ["load", machine.had.at(-1)[1]]);
+      }
+    });
+});
+
+test("a sequence number that does not stay where it was written holds, and is not written for ever", async () => {
+  await scene(COMMAND, async ({ machine, looks, said }) => {
+    const write = machine.write.bind(machine);
+    machine.write = async (number, where) => {
+      const refusal = await write(number, where);
+      machine.numbers.sequence = 0;
+      return refusal;
+    };
+    await looks(view(1, decision("load", 0.2)), 9);
+    assert.deepEqual(
+      machine.had.map(([action]) => action),
+      ["load", "hold"],
+    );
+    assert.match(said.join("\n"), /the machine's sequence number is 0, not 1: .*; held until somebody has looked/);
+  });
+});
+
+test("a load that is taken and never done is held after its time", async () => {
+  await scene({ ...DRIVEN, travel: 10 }, async ({ machine, looks, said }) => {
+    machine.stuck = true;
+    await looks(EMPTY, 20);
+    assert.equal(machine.had.length, 1);
+    await looks(EMPTY, 4);
+    assert.deepEqual(
+      machine.had.map(([action]) => action),
+      ["load", "hold"],
+    );
+    assert.ok(said.some((line) => line.startsWith("ALARM: command 1 (load) is not done within 10 s; held until")));
+  });
 });
 
 test("after a rejection it is measured three times again", async () => {
