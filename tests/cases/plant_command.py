@@ -6,6 +6,7 @@ Skipped, saying so, where node or (for OPC UA) the locked npm packages are missi
 import json
 import shutil
 import signal
+import struct
 import sys
 import time
 import unittest
@@ -292,6 +293,31 @@ class Test(PlantCase):
         service.post("/v1/tests/resume", {"by": "Ada", "comment": "go on"})
         self.ended(bridge)
         self.expect_none_twice()
+
+    def test_libmodbus_takes_what_is_sent(self):
+        self.decide()
+        server = self.libmodbus_server(0.0, 0.0)
+        registers = server.mapping.contents.tab_registers
+        wanted = {"float32": 1 / 12, "int32": 83333, "uint32": 83333, "int16": -333}
+        self.begin(timeout=2)
+        for kind, number in wanted.items():
+            scale = {"float32": 1, "int16": -1 / 4000}.get(kind, 1e-6)
+            self.configuration |= {"modbus": {"address": f"127.0.0.1:{server.port}", "timeout": 20}, "session": kind,
+                                   "spool": str(self.folder / "spool" / f"{kind}.jsonl")}
+            point = {"register": 0, "type": kind, "scale": scale, "of": "time", **({"word_order": "little"} if kind == "uint32" else {})}
+            self.command(set_point=point, action={"register": 2, "codes": {"hold": 40, "load": 50, "stop": 60}},
+                         acknowledge={"register": 8}, reached={"register": 9})
+            (self.folder / "bridge.log").unlink(missing_ok=True)
+            bridge = self.bridge()
+            self.heard("is not acknowledged within 2 s")
+            raw = struct.pack(">HH", registers[0], registers[1])
+            raw = raw[2:] + raw[:2] if kind == "uint32" else raw
+            found = struct.unpack({"float32": ">f", "int32": ">i", "uint32": ">I", "int16": ">hxx"}[kind], raw)[0]
+            self.assertAlmostEqual(found, number, delta=1e-8)
+            self.wait_until(lambda: registers[2] == 40)
+            self.assertGreater(registers[4], 0)
+            bridge.kill()
+            bridge.wait()
 
     def test_what_is_wrong_is_said_with_its_place(self):
         self.decide()

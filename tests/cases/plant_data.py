@@ -4,7 +4,6 @@ Skipped, saying so, where node or (for OPC UA) the locked npm packages are missi
 by default; 600 in 60 s at night.
 """
 import contextlib
-import ctypes
 import json
 import os
 import pathlib
@@ -21,7 +20,7 @@ import unittest
 
 from dashboard import exit_status
 from documentation import free_port
-from plant_support import PLANT, PlantCase
+from plant_support import PLANT, LibmodbusServer, PlantCase
 from service_support import Service
 from support import read_csv, write_csv
 
@@ -57,35 +56,6 @@ class ModbusServer:
                 header = struct.pack(">HHHB", transaction, 0, 1 + len(body), device)
                 client.sendall(header[:3])  # a network may cut an answer anywhere
                 client.sendall(header[3:] + body)
-
-
-class LibmodbusServer:
-    """libmodbus's own server: a float at holding register 100, another at input register 40 with its low word first."""
-
-    class Mapping(ctypes.Structure):
-        _fields_ = [*((name, ctypes.c_int) for name in ("nb_bits", "start_bits", "nb_input_bits", "start_input_bits", "nb_input_registers",
-                                                        "start_input_registers", "nb_registers", "start_registers")),
-                    *((name, ctypes.c_void_p) for name in ("tab_bits", "tab_input_bits")),
-                    *((name, ctypes.POINTER(ctypes.c_uint16)) for name in ("tab_input_registers", "tab_registers"))]
-
-    def __init__(self, library, holding, input):
-        self.library, self.port = library, free_port()
-        library.modbus_new_tcp.restype = ctypes.c_void_p
-        library.modbus_mapping_new.restype = ctypes.POINTER(self.Mapping)
-        self.context = ctypes.c_void_p(library.modbus_new_tcp(b"127.0.0.1", self.port))
-        self.mapping = library.modbus_mapping_new(0, 0, 110, 50)
-        contents = self.mapping.contents
-        contents.tab_registers[100], contents.tab_registers[101] = struct.unpack(">HH", struct.pack(">f", holding))
-        contents.tab_input_registers[41], contents.tab_input_registers[40] = struct.unpack(">HH", struct.pack(">f", input))
-        self.listener = library.modbus_tcp_listen(self.context, 1)
-        assert self.listener >= 0
-        threading.Thread(target=self.serve, daemon=True).start()
-
-    def serve(self):
-        query = ctypes.create_string_buffer(260)
-        while self.library.modbus_tcp_accept(self.context, ctypes.byref(ctypes.c_int(self.listener))) >= 0:
-            while (length := self.library.modbus_receive(self.context, query)) >= 0:
-                self.library.modbus_reply(self.context, query, length, self.mapping)
 
 
 @unittest.skipUnless(shutil.which("node"), "node is not installed")
@@ -265,11 +235,7 @@ class Test(PlantCase):
         self.assertRegex(done.stdout, "pass [1-9]")
 
     def test_what_libmodbus_serves_is_read(self):
-        try:
-            library = ctypes.CDLL("libmodbus.so.5")
-        except OSError:
-            self.skipTest("the Debian package libmodbus5 is not installed")
-        server = LibmodbusServer(library, 480.25, -3e-6)
+        server = self.libmodbus_server(480.25, -3e-6)
         service, found = self.serve(), {}
         for session in ("first", "second", "third"):
             self.configure(service.port, {

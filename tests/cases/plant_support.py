@@ -1,6 +1,9 @@
 """The bridge of deploy/plant for tests: started, heard, configured; and its simulated OPC UA server."""
+import ctypes
 import json
+import struct
 import subprocess
+import threading
 import time
 
 from documentation import free_port
@@ -20,6 +23,35 @@ def locked_packages():
     except (OSError, subprocess.TimeoutExpired) as error:
         return f"npm ci: {error} (no network?)"
     return None if done.returncode == 0 else f"npm ci failed (no network?): {done.stderr[-300:]}"
+
+
+class LibmodbusServer:
+    """libmodbus's own server: a float at holding register 100, another at input register 40 with its low word first."""
+
+    class Mapping(ctypes.Structure):
+        _fields_ = [*((name, ctypes.c_int) for name in ("nb_bits", "start_bits", "nb_input_bits", "start_input_bits", "nb_input_registers",
+                                                        "start_input_registers", "nb_registers", "start_registers")),
+                    *((name, ctypes.c_void_p) for name in ("tab_bits", "tab_input_bits")),
+                    *((name, ctypes.POINTER(ctypes.c_uint16)) for name in ("tab_input_registers", "tab_registers"))]
+
+    def __init__(self, library, holding, input):
+        self.library, self.port = library, free_port()
+        library.modbus_new_tcp.restype = ctypes.c_void_p
+        library.modbus_mapping_new.restype = ctypes.POINTER(self.Mapping)
+        self.context = ctypes.c_void_p(library.modbus_new_tcp(b"127.0.0.1", self.port))
+        self.mapping = library.modbus_mapping_new(0, 0, 110, 50)
+        contents = self.mapping.contents
+        contents.tab_registers[100], contents.tab_registers[101] = struct.unpack(">HH", struct.pack(">f", holding))
+        contents.tab_input_registers[41], contents.tab_input_registers[40] = struct.unpack(">HH", struct.pack(">f", input))
+        self.listener = library.modbus_tcp_listen(self.context, 1)
+        assert self.listener >= 0
+        threading.Thread(target=self.serve, daemon=True).start()
+
+    def serve(self):
+        query = ctypes.create_string_buffer(260)
+        while self.library.modbus_tcp_accept(self.context, ctypes.byref(ctypes.c_int(self.listener))) >= 0:
+            while (length := self.library.modbus_receive(self.context, query)) >= 0:
+                self.library.modbus_reply(self.context, query, length, self.mapping)
 
 
 class PlantCase(ServiceCase):
@@ -68,3 +100,9 @@ class PlantCase(ServiceCase):
                 return server, port
             server.kill()
         self.fail(said.read_text()[-4000:])
+
+    def libmodbus_server(self, *values):
+        try:
+            return LibmodbusServer(ctypes.CDLL("libmodbus.so.5"), *values)
+        except OSError:
+            self.skipTest("the Debian package libmodbus5 is not installed")
