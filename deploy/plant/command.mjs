@@ -12,10 +12,10 @@ const worst = ({ verdict }) => verdict?.reasons?.find(({ level }) => level === "
 export class Commander {
   /**
    * `command`: that part of the configuration; `spool`: where the commands are, and the data of a test that is driven;
-   * `measure(machine)`: a datum's channels; `log(message, about)`; `now()`: ms.
+   * `measure(machine, time, command)`: a datum; `log(message, about)`; `tell(message)`: who is in charge; `now()`: ms.
    */
-  constructor(command, spool, { measure, log, now = Date.now }) {
-    Object.assign(this, { command, spool, measure, log, now });
+  constructor(command, spool, { measure, log, tell = () => {}, now = Date.now }) {
+    Object.assign(this, { command, spool, measure, log, tell, now });
     this.driven = "reached" in command;
     this.number = 0; // the last that was given to a command
     this.written = []; // commands that the machine has, the last one last; no more than two
@@ -142,6 +142,7 @@ export class Commander {
     if (this.now() - this.since <= 1000 * this.command.timeout) return;
     const why = `ALARM: command ${command} (${action}) is not acknowledged within ${this.command.timeout} s`;
     if (action === "load") return this.latch(why);
+    if (!this.deaf) this.tell(why);
     this.deaf = true;
     this.log(`${why}: there is no heartbeat until it is`, "acknowledge");
   }
@@ -149,6 +150,7 @@ export class Commander {
   /** Nothing but hold from now on: `--release` ends it. */
   latch(why) {
     if (this.held || !this.armed) return;
+    this.tell(why);
     this.log(`${why}; held until somebody has looked (--release)`, "held");
     this.note({ held: why, at: this.time() });
   }
@@ -281,6 +283,7 @@ export class Commander {
     this.note({ command, at: this.time(), ...order, ...(journal && { journal }) });
     this.since = this.now();
     this.log(`command ${command}: ${what}`, "command");
+    this.tell(`command ${command}: ${what}`);
     const { scale = 1, offset = 0 } = set_point;
     const codes = { hold: 0, load: 1, stop: 2, ...action.codes };
     const writes = [

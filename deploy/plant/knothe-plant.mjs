@@ -211,7 +211,12 @@ async function main([path, option, ...others]) {
   check_first(configuration, spool.layout);
   const { command } = configuration;
   const commander =
-    command && new Commander(command, spool, { log, measure: (...what) => measure(configuration, spool, ...what) });
+    command &&
+    new Commander(command, spool, {
+      log,
+      tell: (text) => service.note(configuration.source, text),
+      measure: (...what) => measure(configuration, spool, ...what),
+    });
   const data = configuration.time ? by_the_clock(configuration, spool) : { finished: () => commander.stopped };
   const sent = () => data.finished() && spool.waiting.length + spool.unwritten.length === 0;
   let refusal;

@@ -76,6 +76,18 @@ export class Service {
     }
   }
 
+  /** A note in the logbook, if it answers: what was sent is in the spool. */
+  async note(by, text) {
+    const headers = {
+      "Content-Type": "application/json",
+      ...(this.ingest_token && { Authorization: `Bearer ${this.ingest_token}` }),
+    };
+    const body = JSON.stringify({ ...(this.site && { site: this.site }), by, text });
+    await fetch(`${this.address}/v1/notes`, { method: "POST", headers, body, signal: AbortSignal.timeout(5000) }).catch(
+      () => {},
+    );
+  }
+
   store(datum) {
     return this.ask("/v1/measurements", this.ingest_token, JSON.stringify(datum));
   }

@@ -4,6 +4,8 @@ UA server, and what goes wrong on the way ends in a hold.
 Skipped, saying so, where node or (for OPC UA) the locked npm packages are missing.
 """
 import json
+import os
+import random
 import shutil
 import signal
 import struct
@@ -22,6 +24,7 @@ sys.path.insert(0, str(REPOSITORY / "examples" / "driven_test"))
 from modbus_machine import HOLD, LOAD, STOP, Machine, Specimen
 
 TRUTH = [1.05, 0.9]
+LOOPS = int(os.environ.get("KNOTHE_LOOPS", "1"))  # of random kills; more at night
 
 
 @unittest.skipUnless(shutil.which("node"), "node is not installed")
@@ -101,6 +104,9 @@ class Test(PlantCase):
         self.assertEqual(len(self.spooled("acknowledged")), len(self.orders()))
         self.assertEqual(self.orders()[0]["why"], "the first load")
         self.assertFalse(any("interrupts" in order for order in self.orders()))
+        notes = [entry["text"] for entry in service.get("/v1/logbook")[1]["logbook"] if entry["by"] == "machine"]
+        told = [f"command {order['command']}: {order['action']}" for order in self.orders()]
+        self.assertEqual([note[:len(wanted)] for note, wanted in zip(notes, told, strict=True)], told)
         self.expect_followed(service)
         # Begun again, it confirms the stop and ends.
         commands = len(self.machine.history)
@@ -138,7 +144,8 @@ class Test(PlantCase):
         bridge = self.bridge()
         self.heard('dry run ("armed" is not true): would send load to 0.08')
         service.send(self.data[0])
-        self.heard("dry run (\"armed\" is not true): would send load to 0.", str(service.settled()["step"]))
+        service.settled(1)
+        self.heard(f"would send load to {service.states()[0]['decision']['time']} (")
         bridge.send_signal(signal.SIGTERM)
         self.ended(bridge, 130)
         self.assertEqual((self.machine.history, bytes(self.machine.holding), self.orders()), ([], bytes(10), []))
@@ -178,10 +185,34 @@ class Test(PlantCase):
         self.expect_none_twice()
         self.expect_followed(service)
 
+    def test_killed_at_any_time_nothing_is_sent_twice(self):
+        self.decide()
+        chance = random.Random(LOOPS)
+        for _ in range(LOOPS):
+            service = self.begin(rate=chance.choice((0.4, 2.0)), watchdog=1.0, timeout=4)
+            bridge = self.bridge()
+            for _ in range(6):
+                time.sleep(chance.expovariate(2.0))  # wherever that is
+                if bridge.poll() is not None:
+                    break
+                if chance.random() < 0.7:
+                    bridge.send_signal(signal.SIGKILL)
+                    bridge.wait()
+                    bridge = self.bridge()
+                else:
+                    service.kill()
+                    time.sleep(chance.choice((0, 5)))
+                    service.start(port=service.port)
+            self.ended(bridge)
+            self.expect_none_twice()
+            self.expect_followed(service)
+            for path in [*self.folder.glob("assimilation.journal*"), self.folder / "spool" / "first.jsonl"]:
+                path.unlink()
+
     def test_a_machine_that_does_not_acknowledge_is_held_until_somebody_has_looked(self):
         self.decide()
         service = self.begin(timeout=2)
-        self.machine.delay = 6
+        self.machine.delay = 10
         bridge = self.bridge()
         self.heard("ALARM: command 1 (load) is not acknowledged within 2 s; held until somebody has looked (--release)",
                    "ALARM: command 2 (hold) is not acknowledged within 2 s: there is no heartbeat until it is",
