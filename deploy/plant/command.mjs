@@ -207,7 +207,7 @@ export class Commander {
     const decided = status.pending === 0 && status.behind === 0 && line.step === status.step;
     if (!decided || at < this.spool.sent_at || (this.driven && !stored)) return void (this.idle = false);
     const key = key_of(line);
-    if (key === this.handled) return;
+    if (key === this.handled || this.last?.action === "stop") return; // a stop is for good
     // A service that was started again does not know how long it has waited; then its clock and ours have to agree.
     const aged = 1000 * (status.data_age_s ?? at / 1000 - line.received_at) + this.now() - at;
     const age = Math.min(aged, this.now() - this.released);
@@ -236,7 +236,8 @@ export class Commander {
         ? this.tried(again, why)
         : { action: "hold", why: `${why}: somebody has to look (--release)` };
     }
-    if (action === "hold") return decision.plan.length > 0 ? { ...again, why: message } : this.tried(again, message);
+    if (action === "hold" && this.driven && decision.plan.length === 0) return this.tried(again, message);
+    if (action === "hold") return { ...again, why: message };
     const { of = "load" } = this.command.set_point;
     const wrong =
       decision[of] === undefined
@@ -278,7 +279,7 @@ export class Commander {
     const after = (number) => (number % 65535) + 1;
     const next = after(this.number);
     const command = next === this.sequence_now ? after(next) : next; // the machine acts where it changes
-    const { action, sequence, set_point } = this.command;
+    const { action, set_point } = this.command;
     const journal = order.journal ?? this.last?.journal;
     this.note({ command, at: this.time(), ...order, ...(journal && { journal }) });
     this.since = this.now();

@@ -117,6 +117,7 @@ test("each decision is sent once, in the order set-point, action, sequence numbe
     await looks(view(1, decision("load", 0.4), { pending: 1 }), 2);
     await looks(view(4, decision("hold", 0.4)), 4);
     await looks(view(5, decision("stop", 0.4)), 4);
+    await looks(view(6, decision("load", 0.6)), 4); // a stop is for good
     assert.deepEqual(machine.writes.slice(0, 3), [
       ["set_point", 0.4],
       ["action", 1],
@@ -127,7 +128,7 @@ test("each decision is sent once, in the order set-point, action, sequence numbe
       ["hold", 2, 0.4],
       ["stop", 3, 0.4],
     ]);
-    assert.equal(machine.numbers.heartbeat, 16);
+    assert.equal(machine.numbers.heartbeat, 20);
     assert.ok(said.includes("command 1: load to 0.4 (because)") && said.includes("command 1 (load): acknowledged"));
     const orders = lines().filter(({ command }) => command);
     assert.deepEqual(
@@ -452,6 +453,16 @@ test("a load that is taken and never done is held after its time", async () => {
       ["load", "hold"],
     );
     assert.ok(said.some((line) => line.startsWith("ALARM: command 1 (load) is not done within 10 s; held until")));
+  });
+});
+
+test("by the clock, a rejection holds as often as it comes", async () => {
+  await scene(COMMAND, async ({ machine, looks, said }) => {
+    await looks(view(1, decision("load", 0.2)), 3);
+    for (let step = 2; step < 8; ++step)
+      await looks(view(step, decision("hold", 0.2, { plan: [] }), { level: "reject" }), 3);
+    assert.deepEqual(machine.had.map(([action]) => action).slice(1), Array(6).fill("hold"));
+    assert.ok(!said.some((line) => line.includes("measured")));
   });
 });
 
