@@ -39,6 +39,7 @@ const members = {
     spool: [text, true],
     opcua: [table],
     modbus: [table],
+    mqtt: [table],
     channels: [table, true],
     command: [table],
   },
@@ -54,6 +55,12 @@ const members = {
     address: [(value) => (/^[^:]+:\d+$/.test(value) ? "" : 'must be "HOST:PORT"; 502 is usual'), true],
     device: [(value) => index(value) || (value > 255 ? "must be an integer from 0 to 255" : "")],
     timeout: [positive],
+  },
+  mqtt: {
+    broker: [(value) => (/^[^:]+:\d+$/.test(value) ? "" : 'must be "HOST:PORT"; 1883 is usual, 8883 with TLS'), true],
+    user: [text],
+    password: [text],
+    ca: [text],
   },
   command: {
     armed: [truth],
@@ -85,6 +92,9 @@ const members = {
     heartbeat: { every: [positive, true] },
   },
   channel: { every: [positive, true], scale: [number], offset: [number], unit: [text] },
+  mqtt_channel: {
+    topic: [(value) => text(value) || (/[#+]/.test(value) ? "must be one topic, without # and +" : ""), true],
+  },
   opcua_channel: { node: [text, true] },
   modbus_channel: {
     register: [index, true],
@@ -114,10 +124,11 @@ function faults_of_places(command) {
   const taken = new Map();
   const faults = [];
   for (const name of POINTS.filter((name) => command[name])) {
-    const { node, register, type = "uint16", table = "holding" } = command[name];
-    const places = node
-      ? [node]
-      : Array.from({ length: WORDS[type] ?? 1 }, (_, k) => `${table} register ${register + k}`);
+    const { node, topic, register, type = "uint16", table = "holding" } = command[name];
+    const places =
+      (node ?? topic)
+        ? [node ?? topic]
+        : Array.from({ length: WORDS[type] ?? 1 }, (_, k) => `${table} register ${register + k}`);
     for (const place of places) {
       if (taken.has(place)) faults.push(`command.${name}: ${place} is that of command.${taken.get(place)}`);
       taken.set(place, name);
@@ -168,8 +179,9 @@ function faults_of_time(configuration, driven) {
 function all_faults(configuration) {
   if (table(configuration)) return [`the file ${table(configuration)}`];
   const faults = faults_of(configuration, "", members[""]);
-  const readers = ["opcua", "modbus"].filter((reader) => reader in configuration);
-  if (readers.length !== 1) faults.push('there must be one of "opcua" and "modbus": a bridge speaks with one server');
+  const readers = ["opcua", "modbus", "mqtt"].filter((reader) => reader in configuration);
+  if (readers.length !== 1)
+    faults.push('there must be one of "opcua", "modbus" and "mqtt": a bridge speaks with one server');
   for (const part of ["service", ...readers])
     if (!table(configuration[part])) faults.push(...faults_of(configuration[part], part, members[part]));
   const { command } = configuration;

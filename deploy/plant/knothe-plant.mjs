@@ -1,6 +1,6 @@
 #!/usr/bin/env node
-// Load cells and gauges from OPC UA or Modbus/TCP to `knothe serve` (docs/how-to/plant-data.md), and its decisions to the
-// test machine (docs/how-to/drive-a-machine.md).
+// Load cells and gauges from OPC UA, Modbus/TCP or MQTT to `knothe serve` (docs/how-to/plant-data.md), and its decisions
+// to the test machine (docs/how-to/drive-a-machine.md).
 //
 // usage: node knothe-plant.mjs CONFIGURATION.json [--release]
 // Ends with 0 once the last time of the model is stored, or the test has stopped; 2 wrong usage, 3 configuration,
@@ -53,7 +53,8 @@ function keep(spool, data = []) {
   }
 }
 
-const client = ({ opcua }) => import(opcua ? "./opcua.mjs" : "./modbus.mjs");
+const address_of = ({ opcua, modbus, mqtt }) => opcua?.endpoint ?? modbus?.address ?? mqtt.broker;
+const client = ({ opcua, modbus }) => import(opcua ? "./opcua.mjs" : modbus ? "./modbus.mjs" : "./mqtt.mjs");
 
 /** Does `work` until it says that it is done, again where a connection is lost, unless it is time to end. */
 async function persist(configuration, work, ending = () => false) {
@@ -63,7 +64,7 @@ async function persist(configuration, work, ending = () => false) {
     } catch (error) {
       if (error instanceof ConfigurationError) throw error;
       if (ending()) return;
-      log(`${configuration.opcua?.endpoint ?? configuration.modbus.address}: ${error.message}; tried again`);
+      log(`${address_of(configuration)}: ${error.message}; tried again`);
     }
     await sleep(RETRY_MS);
   }

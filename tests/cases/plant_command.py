@@ -10,6 +10,7 @@ import shutil
 import signal
 import struct
 import sys
+import threading
 import time
 import unittest
 
@@ -17,7 +18,7 @@ from dashboard import exit_status
 from decisions import FAILURE
 from documentation import free_port
 from plant_support import PlantCase
-from service_support import Service, comparable
+from service_support import Broker, Service, comparable, make_certificates
 from support import REPOSITORY
 
 sys.path.insert(0, str(REPOSITORY / "examples" / "driven_test"))
@@ -325,6 +326,73 @@ class Test(PlantCase):
         self.ended(bridge)
         self.expect_none_twice()
 
+    def over_mqtt(self, broker, **more):
+        """Tells the bridge of topics in place of registers."""
+        del self.configuration["modbus"]
+        topic = lambda name: {"topic": f"m/{name}"}
+        self.configuration |= {"mqtt": {"broker": f"127.0.0.1:{broker.port}", **more}, "channels": {str(k): topic(k) for k in range(24)}}
+        self.command(set_point={**topic("set_point"), "of": "time", "scale": 1e-3}, action=topic("action"), sequence=topic("sequence"),
+                     acknowledge=topic("taken"), reached=topic("done"), heartbeat={**topic("heartbeat"), "every": 0.1})
+
+    @unittest.skipUnless(os.path.exists("/usr/sbin/mosquitto"), "mosquitto is not installed")
+    def test_decisions_go_to_an_mqtt_broker(self):
+        self.decide()
+        service = self.begin()
+        broker = Broker(self.folder)
+        self.addCleanup(broker.stop)
+        self.over_mqtt(broker)
+        specimen, had = self.machine.specimen, []
+        set_points, sequences = broker.listen("m/set_point"), broker.listen("m/sequence")
+        publish = lambda name, number: broker.publish(f"m/{name}", repr(number).encode(), retain=True)
+
+        def machine():
+            raw = 0.0
+            while True:
+                number = int(sequences.get())
+                had.append(number)
+                publish("taken", number)
+                while not set_points.empty():  # it came before the number
+                    raw = float(set_points.get())
+                for k in range(24):
+                    publish(k, specimen.measure(k, 1e-3 * raw))
+                publish("done", number)
+
+        threading.Thread(target=machine, daemon=True).start()
+        bridge = self.bridge()
+        self.heard("command.acknowledge: nothing was published; tried again")
+        publish("taken", 0)
+        publish("done", 0)
+        self.wait_until(lambda: bridge.poll() is not None or len(self.spooled("seq")) >= 2)
+        bridge.send_signal(signal.SIGKILL)
+        bridge.wait()
+        self.ended(self.bridge())
+        self.assertEqual(service.settled()["records"], len(self.spooled("seq")))
+        self.assertEqual(service.states()[-1]["decision"]["action"], "stop")
+        dropped = {line["dropped"] for line in self.spooled("dropped")}
+        self.assertEqual(had, [order["command"] for order in self.orders() if order["command"] not in dropped])
+        self.assertEqual([line["time"] for line in service.states()], sorted({order["time"] for order in self.orders() if "time" in order}))
+
+    @unittest.skipUnless(os.path.exists("/usr/sbin/mosquitto"), "mosquitto is not installed")
+    def test_a_broker_with_tls_and_a_password_is_heard(self):
+        self.decide()
+        self.begin(armed=False)
+        make_certificates(self.folder)
+        broker = Broker(self.folder, password="correct horse")
+        self.addCleanup(broker.stop)
+        (self.folder / "password").write_text("wrong\n")
+        self.over_mqtt(broker, user="gauge", password=str(self.folder / "password"), ca=str(self.folder / "ca.pem"))
+        bridge = self.bridge()
+        self.heard("the broker refuses the connection: code 5")
+        bridge.kill()
+        bridge.wait()
+        (self.folder / "password").write_text("correct horse\n")
+        for name in ("taken", "done"):
+            broker.publish(f"m/{name}", b"0", retain=True)
+        bridge = self.bridge()
+        self.heard('dry run ("armed" is not true): would send load to 0.08')
+        bridge.send_signal(signal.SIGTERM)
+        self.ended(bridge, 130)
+
     def test_libmodbus_takes_what_is_sent(self):
         self.decide()
         server = self.libmodbus_server(0.0, 0.0)
@@ -379,6 +447,12 @@ class Test(PlantCase):
         del self.configuration["command"]["reached"]
         self.write_configuration()
         self.refused(3, "time: is missing", "command.first: is that of a driven test, which needs command.reached", "channels.0.every: is missing")
+        self.configuration = json.loads(good)
+        self.configuration["mqtt"] = {"broker": "broker"}
+        del self.configuration["modbus"]
+        self.command(acknowledge={"topic": "m/#"}, sequence={"topic": "m/a"}, action={"topic": "m/a"})
+        self.refused(3, 'mqtt.broker: must be "HOST:PORT"; 1883 is usual, 8883 with TLS, not "broker"', "channels.0.topic: is missing",
+                     "channels.0.register: is not known here", 'command.acknowledge.topic: must be one topic, without # and +, not "m/#"')
         self.configuration = json.loads(good)
         self.command(first={"time": 0.1, "set_point": 0.1})
         self.refused(3, "command.first.time: 0.1 is no time of the model; the nearest is 0.08333333333333333")

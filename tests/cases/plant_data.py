@@ -21,7 +21,7 @@ import unittest
 from dashboard import exit_status
 from documentation import free_port
 from plant_support import PLANT, LibmodbusServer, PlantCase
-from service_support import Service
+from service_support import Broker, Service
 from support import read_csv, write_csv
 
 STEPS = int(os.environ.get("KNOTHE_PLANT_STEPS", "12"))
@@ -254,6 +254,34 @@ class Test(PlantCase):
         self.assertEqual(found, {})
         self.assertIn("channels.3: missing (exception 2, illegal data address)", self.bridge_said())
 
+    @unittest.skipUnless(os.path.exists("/usr/sbin/mosquitto"), "mosquitto is not installed")
+    def test_what_is_published_at_a_broker_is_read(self):
+        broker = Broker(self.folder)
+        self.addCleanup(broker.stop)
+        service, stop = self.serve(), threading.Event()
+        broker.publish("m/force", b"9e9", retain=True)  # of an earlier time
+        for session in ("first", "second", "third"):
+            self.configure(service.port, {"reaction_force": {"topic": "m/force", "every": 0.1, "scale": 1000.0, "unit": "kN"},
+                                          "gauge": {"topic": "m/gauge", "every": 0.1}}, session, mqtt={"broker": f"127.0.0.1:{broker.port}"})
+            stop.clear()
+
+            def publish():
+                while not stop.wait(0.03):
+                    broker.publish("m/force", b"0.48025")
+                    broker.publish("m/gauge", b"broken" if time.time() > self.start + 0.6 * self.seconds else b"-3e-6")
+
+            threading.Thread(target=publish, daemon=True).start()
+            self.assertEqual(self.bridge().wait(120 + self.seconds), 0, self.bridge_said())
+            stop.set()
+            service.settled()
+            found = self.series()
+            if {"reaction_force", "gauge"} <= set(found):
+                break
+            self.seconds *= 3  # the machine was too busy to measure
+        self.assertEqual({round(value, 9) for _, value in found["reaction_force"]}, {480.25})
+        self.assertEqual({round(value, 12) for _, value in found["gauge"]}, {-3e-6})
+        self.assertIn('channels.gauge: missing ("broken" is no number)', self.bridge_said())
+
     def test_what_is_wrong_is_said_with_its_place(self):
         channels = {"reaction_force": {"register": 1, "type": "float32", "every": 0.1}}
         for example in ("opcua.example.json", "modbus.example.json", "command.example.json"):
@@ -270,7 +298,7 @@ class Test(PlantCase):
         self.configuration["time"] = {"start": "yesterday", "seconds": 0}
         self.write_configuration()
         self.refused(3, "session: is missing", "sesion: is not known here; there are service, source, session,",
-                     'one of "opcua" and "modbus"', 'time.start: must be a time with its zone, such as "2026-11-23T09:00:00Z", not "yesterday"',
+                     'one of "opcua", "modbus" and "mqtt"', 'time.start: must be a time with its zone, such as "2026-11-23T09:00:00Z", not "yesterday"',
                      "time.seconds: must be a positive number, not 0", 'channels.reaction_force.every: must be a positive number, not "fast"')
         self.configuration = json.loads(good)
         self.configuration["channels"] = {"reaction_force": {"register": 70000, "type": "float", "every": 0.1}}
