@@ -1,9 +1,10 @@
-// Samples of the nodes of an OPC UA server, with the time stamps of their source.
+// The nodes of an OPC UA server: samples with the time stamps of their source, and commands.
 import certificate_manager from "node-opcua-certificate-manager";
 import {
   AttributeIds,
   DataChangeFilter,
   DataChangeTrigger,
+  DataType,
   DeadbandType,
   MessageSecurityMode,
   OPCUAClient,
@@ -18,6 +19,14 @@ import { secret } from "./configuration.mjs";
 
 const PUBLISHING_MS = 250;
 const QUEUED_S = 60; // what the server keeps of each node while nobody fetches it
+const INTEGERS = {
+  SByte: [-128, 127],
+  Byte: [0, 255],
+  Int16: [-32768, 32767],
+  UInt16: [0, 65535],
+  Int32: [-2147483648, 2147483647],
+  UInt32: [0, 4294967295],
+};
 const SILENCE_MS = 10000; // a subscription says at least every 2.5 s that it is alive
 
 /** Bad and Uncertain (OPC 10000-4, 7.39) are missing values, as is what is no number. */
@@ -33,6 +42,8 @@ function sample(name, { scale, offset }, { statusCode, value, sourceTimestamp, s
     reason: good ? "" : `${statusCode.name}, ${value?.value}`,
   };
 }
+
+const disconnect = (client) => Promise.race([client.disconnect().catch(() => {}), sleep(2000)]); // a dead server answers nothing
 
 async function connect({ endpoint, security, user, password }, spool) {
   const secure = security && security !== "none";
@@ -152,6 +163,40 @@ export async function read({ opcua, channels, spool }, { since, gap, take, log }
     await lost;
   } finally {
     clearInterval(watchdog);
-    await Promise.race([client.disconnect().catch(() => {}), sleep(2000)]); // a dead server answers nothing
+    await disconnect(client);
   }
+}
+
+/** Single nodes of the machine, read and written when they are asked for. */
+export async function open_machine({ opcua, spool }) {
+  const { client, session } = await connect(opcua, spool);
+  const types = new Map();
+  const lost = new Promise((_, reject) => {
+    for (const event of ["connection_lost", "close"])
+      client.on(event, () => reject(new Error(`the connection is lost (${event.replaceAll("_", " ")})`)));
+  });
+  lost.catch(() => {}); // it is waited for elsewhere
+  return {
+    async sample(name, channel) {
+      const found = await session.read({ nodeId: channel.node, attributeId: AttributeIds.Value });
+      types.set(channel.node, found.value?.dataType);
+      return { ...sample(name, channel, found), stamp: found.sourceTimestamp?.getTime() ?? Date.now() };
+    },
+    /** Why the server does not take a number for a node that was read, in words, or undefined. */
+    async write(number, { node }) {
+      const dataType = types.get(node);
+      const decimal = dataType === DataType.Float || dataType === DataType.Double;
+      const value = decimal ? number : Math.round(number);
+      const [lowest, highest] = INTEGERS[DataType[dataType]] ?? [Infinity, -Infinity];
+      if (!decimal && !(value >= lowest && value <= highest)) return `${number} is no ${DataType[dataType]}`;
+      const status = await session.write({
+        nodeId: node,
+        attributeId: AttributeIds.Value,
+        value: { value: { dataType, value } },
+      });
+      return status.value >>> 30 === 0 ? undefined : status.name;
+    },
+    lost,
+    close: () => disconnect(client),
+  };
 }

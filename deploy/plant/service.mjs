@@ -47,6 +47,47 @@ export class Service {
     return { displacements, scalars, times };
   }
 
+  /** `{ status, line, at }` of now, `line` undefined before the first; throws what is in the way within `limit` ms. */
+  async look(limit) {
+    const at = Date.now();
+    const get = async (path) => {
+      const answer = await fetch(`${this.address}${path}${this.site ? `?site=${this.site}` : ""}`, {
+        headers: this.read_token && { Authorization: `Bearer ${this.read_token}` },
+        signal: AbortSignal.timeout(limit),
+      });
+      const content = await answer.json();
+      if (answer.ok) return content;
+      throw new Error(`${answer.status}: ${content.error?.message}`);
+    };
+    try {
+      let status = await get("/v1/status");
+      if (status.step === undefined) return { status, at };
+      if (this.seen?.journal !== status.journal || this.seen.event !== status.event) {
+        const line = await get("/v1/state");
+        this.seen = { journal: status.journal, event: status.event, line };
+        status = await get("/v1/status"); // the line is at most as new as this
+      }
+      if (this.seen.journal !== status.journal) throw new Error("another test has begun");
+      return { status, line: this.seen.line, at };
+    } catch (error) {
+      throw new Error(
+        error.name === "TimeoutError" ? `no answer within ${limit / 1000} s` : (error.cause?.message ?? error.message),
+      );
+    }
+  }
+
+  /** A note in the logbook, if it answers: what was sent is in the spool. */
+  async note(by, text) {
+    const headers = {
+      "Content-Type": "application/json",
+      ...(this.ingest_token && { Authorization: `Bearer ${this.ingest_token}` }),
+    };
+    const body = JSON.stringify({ ...(this.site && { site: this.site }), by, text });
+    await fetch(`${this.address}/v1/notes`, { method: "POST", headers, body, signal: AbortSignal.timeout(5000) }).catch(
+      () => {},
+    );
+  }
+
   store(datum) {
     return this.ask("/v1/measurements", this.ingest_token, JSON.stringify(datum));
   }

@@ -13,7 +13,7 @@ function sync(path) {
 
 /** The entry that was written behind a line that was cut short: that one had not been taken. */
 function behind_a_torn_one(line) {
-  for (const { index } of line.matchAll(/\{"(?:seq|sent|identity)":/g)) {
+  for (const { index } of line.matchAll(/\{"(?:seq|sent|identity|command|acknowledged|dropped|held|released)":/g)) {
     if (index === 0) continue;
     try {
       return JSON.parse(line.slice(index));
@@ -25,9 +25,22 @@ function behind_a_torn_one(line) {
 }
 
 export class Spool {
-  /** JSON lines: `{"identity","layout"}`, then data `{"seq",…}` and, once the service has them, `{"sent":seq}`. */
+  /**
+   * JSON lines: `{"identity","layout"}`, then data `{"seq",…}` and, once the service has them, `{"sent":seq}`; among them
+   * what the machine was told, `orders` (command.mjs). `measured`: the last command after which was measured.
+   */
   constructor(path, identity) {
-    Object.assign(this, { path, identity, layout: null, next: 0, waiting: [], unwritten: [], repaired: 0, torn: false });
+    Object.assign(this, {
+      path,
+      identity,
+      layout: null,
+      next: 0,
+      waiting: [],
+      unwritten: [],
+      repaired: 0,
+      torn: false,
+    });
+    this.orders = [];
     try {
       mkdirSync(dirname(path), { recursive: true });
       this.file = openSync(path, "a+", 0o640);
@@ -69,6 +82,8 @@ export class Spool {
       this.layout = entry.layout;
     } else if ("sent" in entry) {
       this.waiting.shift();
+    } else if (!("seq" in entry)) {
+      this.orders.push(entry);
     } else {
       this.push(entry);
     }
@@ -95,12 +110,14 @@ export class Spool {
   push(datum) {
     this.waiting.push(datum);
     this.next = datum.seq + 1;
+    this.measured = datum.command ?? this.measured;
   }
 
   /** Need not be on disk at once: sent again, it is a duplicate. */
   sent(datum) {
     this.append({ sent: datum.seq });
     this.waiting.shift();
+    this.sent_at = Date.now();
   }
 
   write(entry) {

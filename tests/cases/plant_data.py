@@ -4,7 +4,6 @@ Skipped, saying so, where node or (for OPC UA) the locked npm packages are missi
 by default; 600 in 60 s at night.
 """
 import contextlib
-import ctypes
 import json
 import os
 import pathlib
@@ -21,26 +20,14 @@ import unittest
 
 from dashboard import exit_status
 from documentation import free_port
-from service_support import Service, ServiceCase
-from support import FIXTURES, KNOTHE, REPOSITORY, read_csv, write_csv
+from plant_support import PLANT, LibmodbusServer, PlantCase
+from service_support import Broker, Service
+from support import read_csv, write_csv
 
-PLANT = REPOSITORY / "deploy" / "plant"
 STEPS = int(os.environ.get("KNOTHE_PLANT_STEPS", "12"))
 SECONDS = 60 if STEPS > 12 else 6
 START = 1  # s from when it is configured
 FORCE, GAUGE = (50.0, 20.0), (1e-6, 5e-6)  # values at the start, and their rates per s
-
-
-def locked_packages():
-    """Installs the bridge's locked npm packages if they are not there; why they cannot be, in words."""
-    installed = PLANT / "node_modules" / ".package-lock.json"
-    if installed.exists() and installed.stat().st_mtime >= (PLANT / "package-lock.json").stat().st_mtime:
-        return None
-    try:
-        done = subprocess.run(["npm", "ci", "--no-audit", "--no-fund"], cwd=PLANT, capture_output=True, text=True, timeout=200)
-    except (OSError, subprocess.TimeoutExpired) as error:
-        return f"npm ci: {error} (no network?)"
-    return None if done.returncode == 0 else f"npm ci failed (no network?): {done.stderr[-300:]}"
 
 
 class ModbusServer:
@@ -71,37 +58,8 @@ class ModbusServer:
                 client.sendall(header[3:] + body)
 
 
-class LibmodbusServer:
-    """libmodbus's own server: a float at holding register 100, another at input register 40 with its low word first."""
-
-    class Mapping(ctypes.Structure):
-        _fields_ = [*((name, ctypes.c_int) for name in ("nb_bits", "start_bits", "nb_input_bits", "start_input_bits", "nb_input_registers",
-                                                        "start_input_registers", "nb_registers", "start_registers")),
-                    *((name, ctypes.c_void_p) for name in ("tab_bits", "tab_input_bits")),
-                    *((name, ctypes.POINTER(ctypes.c_uint16)) for name in ("tab_input_registers", "tab_registers"))]
-
-    def __init__(self, library, holding, input):
-        self.library, self.port = library, free_port()
-        library.modbus_new_tcp.restype = ctypes.c_void_p
-        library.modbus_mapping_new.restype = ctypes.POINTER(self.Mapping)
-        self.context = ctypes.c_void_p(library.modbus_new_tcp(b"127.0.0.1", self.port))
-        self.mapping = library.modbus_mapping_new(0, 0, 110, 50)
-        contents = self.mapping.contents
-        contents.tab_registers[100], contents.tab_registers[101] = struct.unpack(">HH", struct.pack(">f", holding))
-        contents.tab_input_registers[41], contents.tab_input_registers[40] = struct.unpack(">HH", struct.pack(">f", input))
-        self.listener = library.modbus_tcp_listen(self.context, 1)
-        assert self.listener >= 0
-        threading.Thread(target=self.serve, daemon=True).start()
-
-    def serve(self):
-        query = ctypes.create_string_buffer(260)
-        while self.library.modbus_tcp_accept(self.context, ctypes.byref(ctypes.c_int(self.listener))) >= 0:
-            while (length := self.library.modbus_receive(self.context, query)) >= 0:
-                self.library.modbus_reply(self.context, query, length, self.mapping)
-
-
 @unittest.skipUnless(shutil.which("node"), "node is not installed")
-class Test(ServiceCase):
+class Test(PlantCase):
     def setUp(self):
         super().setUp()
         self.seconds = SECONDS
@@ -123,11 +81,6 @@ class Test(ServiceCase):
         subprocess.run([pathlib.Path(os.environ["KNOTHE_DATA_TO_CSV"]).with_name("make_snapshots"), self.folder, str(STEPS)], check=True)
         self.expect(0, "model", "import", "snapshots.h5", "-o", "model.h5", "--tolerance", "1e-9")
 
-    def need_packages(self):
-        missing = locked_packages()
-        if missing:
-            self.skipTest(missing)
-
     def configure(self, port, channels, session="first", **more):
         """Begins the test in a second from now, which lasts `self.seconds`; `self.instants`: the steps of the model, Unix time in s."""
         self.start = round(time.time() + START, 3)
@@ -138,30 +91,6 @@ class Test(ServiceCase):
         self.write_configuration()
         self.instants = [self.start + self.seconds * (k + 1) / STEPS for k in range(STEPS)]
 
-    def write_configuration(self):
-        (self.folder / "plant.json").write_text(json.dumps(self.configuration, indent=1))
-
-    def bridge(self):
-        with open(self.folder / "bridge.log", "a") as log:
-            process = subprocess.Popen(["node", PLANT / "knothe-plant.mjs", "plant.json"], cwd=self.folder, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
-        self.addCleanup(lambda: process.poll() is None and (process.kill(), process.wait()))
-        return process
-
-    def bridge_said(self):
-        return (self.folder / "bridge.log").read_text()
-
-    def refused(self, status, *texts):
-        (self.folder / "bridge.log").unlink(missing_ok=True)
-        self.assertEqual(self.bridge().wait(60), status, self.bridge_said())
-        for text in texts:
-            self.assertIn(text, self.bridge_said())
-
-    def wait_until(self, condition, seconds=120):
-        end = time.monotonic() + seconds + self.seconds
-        while not condition():
-            assert time.monotonic() < end, self.bridge_said()[-4000:]
-            time.sleep(0.02)
-
     def series(self, journal="assimilation.journal"):
         """What a journal has of each sensor: [(step, value)], missing values left out."""
         self.expect(0, "export", journal, "-o", "export.csv")
@@ -170,21 +99,6 @@ class Test(ServiceCase):
             if row["value"] not in ("", "nan"):
                 found.setdefault(row["sensor"], []).append((round(float(row["time"]) * STEPS) - 1, float(row["value"])))
         return found
-
-    def opcua_server(self):
-        """The simulated server, which takes its nodes' signals as a line, and its port."""
-        said = self.folder / "opcua.log"
-        for port in (free_port() for _ in range(5)):  # one that was free may be taken meanwhile
-            with open(said, "w") as log:
-                server = subprocess.Popen(["node", PLANT / "test" / "opcua_server.mjs", str(port), self.folder], stdin=subprocess.PIPE, stdout=log, stderr=log)
-            self.addCleanup(lambda server=server: (server.kill(), server.wait(), server.stdin.close()))
-            end = time.monotonic() + 40
-            while server.poll() is None and time.monotonic() < end and "listening" not in said.read_text():
-                time.sleep(0.02)
-            if "listening" in said.read_text():
-                return server, port
-            server.kill()
-        self.fail(said.read_text()[-4000:])
 
     def run_with_kills(self, service, port, between=lambda: None, meanwhile=lambda: time.sleep(1)):
         """The bridge is killed with -9 at a third of the test (at night five times), the service at a half; both come back."""
@@ -321,11 +235,7 @@ class Test(ServiceCase):
         self.assertRegex(done.stdout, "pass [1-9]")
 
     def test_what_libmodbus_serves_is_read(self):
-        try:
-            library = ctypes.CDLL("libmodbus.so.5")
-        except OSError:
-            self.skipTest("the Debian package libmodbus5 is not installed")
-        server = LibmodbusServer(library, 480.25, -3e-6)
+        server = self.libmodbus_server(480.25, -3e-6)
         service, found = self.serve(), {}
         for session in ("first", "second", "third"):
             self.configure(service.port, {
@@ -344,9 +254,37 @@ class Test(ServiceCase):
         self.assertEqual(found, {})
         self.assertIn("channels.3: missing (exception 2, illegal data address)", self.bridge_said())
 
+    @unittest.skipUnless(os.path.exists("/usr/sbin/mosquitto"), "mosquitto is not installed")
+    def test_what_is_published_at_a_broker_is_read(self):
+        broker = Broker(self.folder)
+        self.addCleanup(broker.stop)
+        service, stop = self.serve(), threading.Event()
+        broker.publish("m/force", b"9e9", retain=True)  # of an earlier time
+        for session in ("first", "second", "third"):
+            self.configure(service.port, {"reaction_force": {"topic": "m/force", "every": 0.1, "scale": 1000.0, "unit": "kN"},
+                                          "gauge": {"topic": "m/gauge", "every": 0.1}}, session, mqtt={"broker": f"127.0.0.1:{broker.port}"})
+            stop.clear()
+
+            def publish():
+                while not stop.wait(0.03):
+                    broker.publish("m/force", b"0.48025")
+                    broker.publish("m/gauge", b"broken" if time.time() > self.start + 0.6 * self.seconds else b"-3e-6")
+
+            threading.Thread(target=publish, daemon=True).start()
+            self.assertEqual(self.bridge().wait(120 + self.seconds), 0, self.bridge_said())
+            stop.set()
+            service.settled()
+            found = self.series()
+            if {"reaction_force", "gauge"} <= set(found):
+                break
+            self.seconds *= 3  # the machine was too busy to measure
+        self.assertEqual({round(value, 9) for _, value in found["reaction_force"]}, {480.25})
+        self.assertEqual({round(value, 12) for _, value in found["gauge"]}, {-3e-6})
+        self.assertIn('channels.gauge: missing ("broken" is no number)', self.bridge_said())
+
     def test_what_is_wrong_is_said_with_its_place(self):
         channels = {"reaction_force": {"register": 1, "type": "float32", "every": 0.1}}
-        for example in ("opcua.example.json", "modbus.example.json"):
+        for example in ("opcua.example.json", "modbus.example.json", "command.example.json"):
             self.configuration = json.loads((PLANT / example).read_text())
             self.configuration["spool"] = "/dev/null/spool"
             self.write_configuration()
@@ -360,7 +298,7 @@ class Test(ServiceCase):
         self.configuration["time"] = {"start": "yesterday", "seconds": 0}
         self.write_configuration()
         self.refused(3, "session: is missing", "sesion: is not known here; there are service, source, session,",
-                     'one of "opcua" and "modbus"', 'time.start: must be a time with its zone, such as "2026-11-23T09:00:00Z", not "yesterday"',
+                     'one of "opcua", "modbus" and "mqtt"', 'time.start: must be a time with its zone, such as "2026-11-23T09:00:00Z", not "yesterday"',
                      "time.seconds: must be a positive number, not 0", 'channels.reaction_force.every: must be a positive number, not "fast"')
         self.configuration = json.loads(good)
         self.configuration["channels"] = {"reaction_force": {"register": 70000, "type": "float", "every": 0.1}}

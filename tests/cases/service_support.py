@@ -244,7 +244,7 @@ class Broker:
         """A queue of the payloads that are published at a topic from now on; of a broker without a password."""
         one = socket.create_connection(("127.0.0.1", self.port))
         stream = one.makefile("rb")
-        one.sendall(packet(0x10, text(b"MQTT") + b"\x04\x02\x00\x00" + text(b"listener")))
+        one.sendall(packet(0x10, text(b"MQTT") + b"\x04\x02\x00\x00" + text(b"listener%d" % time.monotonic_ns())))
         assert stream.read(4)[:1] == b"\x20"
         one.sendall(packet(0x82, b"\x00\x01" + text(topic.encode()) + b"\x00"))
         assert stream.read(5)[:1] == b"\x90"

@@ -4,7 +4,9 @@
 // usage: node opcua_server.mjs PORT FOLDER, then on its standard input, as one line,
 //        {NAME: {"start", "value", "rate", "every", "bad": [from, to], "uncertain": [from, to]}}
 // At Unix time t, s, a node has value + rate·(t − start), every `every` s; from `bad[0]` to `bad[1]` its status is Bad
-// and its value anything.
+// and its value anything. With {"type"} in place of "every" a node is a number that was last written, or
+// {"echo": NAME}: what another is; {"follows": NAME, "full", "values"}: the k-th of the values where the other is
+// (k + 1) / their count of `full`. Writes are printed as `write NAME VALUE`.
 import certificate_manager from "node-opcua-certificate-manager";
 import { DataType, StatusCodes, Variant } from "node-opcua-client";
 import opcua_nodesets from "node-opcua-nodesets";
@@ -42,7 +44,31 @@ function status_at(node, t) {
       : StatusCodes.Good;
 }
 
+/** A node that is read and written as a number. */
+function add_variable(name, { type, echo, follows, full, values }) {
+  numbers[name] = 0;
+  const follow = () => values[Math.max(0, Math.round((numbers[follows] / full) * values.length) - 1)];
+  space.getOwnNamespace().addVariable({
+    browseName: name,
+    nodeId: `s=${name}`,
+    dataType: type,
+    organizedBy: space.rootFolder.objects,
+    value: {
+      get: () => new Variant({ dataType: DataType[type], value: follows ? follow() : numbers[echo ?? name] }),
+      set: (variant) => {
+        console.log(`write ${name} ${(numbers[name] = variant.value)}`);
+        return StatusCodes.Good;
+      },
+    },
+  });
+}
+
+const numbers = {};
 for (const [name, node] of Object.entries(JSON.parse(line))) {
+  if (node.type) {
+    add_variable(name, node);
+    continue;
+  }
   const variable = space.getOwnNamespace().addVariable({
     browseName: name,
     nodeId: `s=${name}`,
