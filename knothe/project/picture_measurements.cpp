@@ -11,6 +11,7 @@
 
 #include "knothe/base/error.hpp"
 #include "knothe/base/monotonic_time.hpp"
+#include "knothe/imaging/camera/calibration_file.hpp"
 #include "knothe/imaging/mesh/mesh_file.hpp"
 #include "knothe/imaging/series/camera_drift.hpp"
 #include "knothe/imaging/series/displacement_files.hpp"
@@ -40,6 +41,23 @@ double signed_area(const imaging::ImageMesh& mesh, const std::array<int, 4>& nod
   return area;
 }
 
+/// The frame of what the lens has left of the pictures; `plain`: the same without a lens.
+imaging::PictureFrame with_lens(const imaging::PictureFrame& plain, const PictureOptions& p) {
+  imaging::PictureFrame frame = plain;
+  frame.lens = imaging::read_lens(p.lens);
+  if (!p.pixels.empty()) {
+    std::vector<std::array<double, 2>> straight;
+    for (const auto& [x, y] : p.pixels) straight.push_back(frame.without_lens(x, y));
+    const imaging::PictureFrame fit = imaging::fit_picture_frame(straight, p.points, p.point_std);
+    frame.slope = fit.slope, frame.offset = fit.offset, frame.relative_scale_std = fit.relative_scale_std;
+  } else {
+    const std::complex<double> origin = -plain.offset / plain.slope;  // x − i y, px
+    const auto [x, y] = frame.without_lens(origin.real(), -origin.imag());
+    frame.offset = -plain.slope * std::complex<double>(x, -y);
+  }
+  return frame;
+}
+
 }  // namespace
 
 imaging::PictureFrame picture_frame_of(const Project& project, const std::optional<model::Mesh>& mesh) {
@@ -48,7 +66,7 @@ imaging::PictureFrame picture_frame_of(const Project& project, const std::option
     throw project.error_at("dic",
                            "pictures need a scale to be measurements: \"dic.scale\" and \"dic.origin\", or "
                            "\"dic.pixels\" and \"dic.points\"");
-  return with_plane(*p.frame, project, mesh);
+  return with_plane(p.lens.empty() ? *p.frame : with_lens(*p.frame, p), project, mesh);
 }
 
 imaging::PictureFrame model_face(const Project& project, const std::optional<model::Mesh>& mesh) {
@@ -193,7 +211,7 @@ void PictureMeasurements::correlate_ahead() {
 }
 
 likelihood::GaussianNoise PictureMeasurements::noise_of(Eigen::SparseMatrix<double> in_pixels) const {
-  Eigen::SparseMatrix<double> precision = frame_.to_model(in_pixels);
+  Eigen::SparseMatrix<double> precision = frame_.to_model(series_->correlation().mesh(), in_pixels);
   const auto& options = series_->options();
   precision =
       imaging::with_drift(precision, options.drift, points_, component_, options.drift_std * frame_.scale());
@@ -223,7 +241,7 @@ void PictureMeasurements::predict_next(const imaging::PictureResult& last) {
   series_->set_prediction({});  // not that of an earlier picture
   if (last.missing || increment.size() < count || !increment.allFinite()) return;
   series_->set_prediction(last.correlation.displacement +
-                          frame_.to_model(Eigen::VectorXd(increment.head(count))) / std::norm(frame_.slope));
+                          frame_.to_picture(series_->correlation().mesh(), increment.head(count)));
 }
 
 PictureDatum PictureMeasurements::measure(const files::Picture& picture, const std::string& name,

@@ -163,6 +163,10 @@ void add_registration_options(Section<G>& s) {
   s.add("points", &G::points, "… and where they are on the model's face, [[right, up], …], m.",
         of_shape(k_points));
   s.add("point_std", &G::point_std, "Standard deviation of such a point, px.", positive);
+  s.add("lens", &G::lens,
+        "Calibration of the one camera, whose distortion is taken out: of OpenCV or DICe (docs/how-to/"
+        "calibrate.md). Needs a scale or points.",
+        file);
   s.add("view", &G::view,
         "Face that the camera sees: side (right is x, up is y), bottom (right is x, up is z).");
   s.add("plane", &G::plane,
@@ -247,6 +251,7 @@ std::optional<imaging::PictureFrame> frame_of(Values& values, const Given& g) {
     refuse(values, {"dic.origin", "dic.angle", "dic.scale_std"}, k_needs_scale);
     if (!g.by_outline) refuse(values, {"dic.plane", "dic.view"}, k_needs_scale);
   }
+  if (!frame || g.by_outline) refuse(values, {"dic.lens"}, k_needs_scale);
   if (frame) frame->view = g.view, frame->plane = g.plane.value_or(0);
   return frame;
 }
@@ -282,8 +287,8 @@ void complete_cameras(Values& values, Given& g) {
     return refuse(values, {"dic.camera_unit", "dic.calibration_std", "dic.other_pictures"},
                   "\"dic.cameras\", a calibration");
   for (const char* key :
-       {"dic.scale", "dic.scale_std", "dic.origin", "dic.angle", "dic.registration", "dic.crack", "dic.drift",
-        "dic.mesh_file", "dic.reference_update", "dic.regularisation"})
+       {"dic.scale", "dic.scale_std", "dic.origin", "dic.angle", "dic.registration", "dic.lens", "dic.crack",
+        "dic.drift", "dic.mesh_file", "dic.reference_update", "dic.regularisation"})
     if (values.has(key))
       values.complain(key, fmt::format("\"{}\" is for one camera: leave it out with \"dic.cameras\"", key));
   if (g.folder.empty() || g.other_folders.empty())

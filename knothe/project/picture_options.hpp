@@ -28,7 +28,7 @@ struct PictureOptions {
   std::vector<std::string> pictures;    ///< resolved paths, where there is no folder
   std::vector<double> times;
   imaging::SeriesOptions series;  ///< all but the pictures themselves
-  /// Where a scale or a registration is given; with `outline` where its fit begins
+  /// Where a scale or a registration is given, without the lens; with `outline` where its fit begins
   /// (picture_registration.hpp).
   std::optional<imaging::PictureFrame> frame;
   std::optional<OutlineRegistration> outline;
@@ -37,6 +37,7 @@ struct PictureOptions {
   bool model_mesh = false;      ///< correlate on the model's surface mesh
   std::string mesh_file;        ///< resolved; empty: none
   bool mesh_in_metres = false;  ///< unit of that file
+  std::string lens;             ///< [dic] lens, resolved; empty: the lens does not distort
   std::string cameras;          ///< [dic] cameras, resolved; empty: one camera, without calibration
   double camera_unit = 1e-3;    ///< m
   std::string calibration_std;  ///< resolved; empty: the calibration is exact

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -75,8 +76,29 @@ void write_machine(const std::map<std::string, likelihood::MeasuredSeries>& seri
 
 using Taken = imaging::SpeckleCamera;
 
-std::vector<imaging::Camera> cameras_of(const Project& project) {
+/// With a lens that distorts, where `frame` says; at any distance, since it looks straight at the face.
+imaging::Camera behind_lens(const imaging::PictureFrame& frame) {
+  imaging::Camera camera = *frame.lens;
+  const auto column = [&](const std::array<double, 3>& point) {
+    return Eigen::Vector3d(point[0], point[1], point[2]);
+  };
+  // Model places of the pixels of the straightened picture, which are one px apart.
+  imaging::PictureFrame straight = frame;
+  straight.lens.reset();
+  const Eigen::Vector3d middle = column(straight.model_point(camera.cx, camera.cy)),
+                        right = column(straight.model_point(camera.cx + 1, camera.cy)) - middle,
+                        down = column(straight.model_point(camera.cx, camera.cy + 1)) - middle;
+  const double scale = frame.scale();
+  camera.rotation.row(0) = right.transpose() / scale;
+  camera.rotation.row(1) = down.transpose() / scale;
+  camera.rotation.row(2) = right.cross(down).transpose() / (scale * scale);
+  camera.translation = Eigen::Vector3d(0, 0, scale * camera.fx) - camera.rotation * middle;
+  return camera;
+}
+
+std::vector<imaging::Camera> cameras_of(const Project& project, const model::Mesh& mesh) {
   const PictureOptions& p = project.pictures;
+  if (!p.lens.empty()) return {behind_lens(picture_frame_of(project, mesh))};
   if (p.cameras.empty()) return {};
   if (!p.pixels.empty())
     throw project.error_at("dic.pixels",
@@ -99,28 +121,29 @@ imaging::PictureFrame straight_frame(const Project& project, const model::Mesh& 
 }
 
 /// The face of the model, at rest and displaced, as pictures show it: of one camera that looks straight at
-/// it, or of those of a calibration whose frame is the model's.
+/// it, through a lens or without, or of those of a calibration whose frame is the model's.
 class DrawnFace {
  public:
   DrawnFace(const Project& project, const model::Mesh& mesh, const model::Dofs& dofs, std::uint64_t seed)
       : taken_(*project.simulate->camera),
-        cameras_(cameras_of(project)),
+        cameras_(cameras_of(project, mesh)),
         frame_(cameras_.empty() ? picture_frame_of(project, mesh)
                                 : straight_frame(project, mesh, cameras_.front())),
         surface_(surface_mesh(mesh, frame_, project)),
         across_(surface_.mesh()),
         axes_{frame_.components()[0], frame_.components()[1], 3 - frame_.components()[1]},
-        displacement_(surface_.mesh(), frame_, std::span(axes_).first(cameras_.empty() ? 2 : 3), dofs, mesh),
+        displacement_(surface_.mesh(), frame_, std::span(axes_).first(cameras_.size() < 2 ? 2 : 3), dofs,
+                      mesh),
         pattern_({.width = cameras_.empty() ? taken_.width : extent(surface_.mesh().bounds().x1),
                   .height = cameras_.empty() ? taken_.height : extent(surface_.mesh().bounds().y1),
                   .dot_radius = taken_.dot_radius,
                   .seed = seed}) {}
 
-  [[nodiscard]] Index calibrated() const { return std::ssize(cameras_); }
+  [[nodiscard]] Index cameras() const { return std::max<Index>(1, std::ssize(cameras_)); }
   void displace(std::size_t step, const DisplacementField& field) {
     const Eigen::VectorXd u = displacement_.at(step, field);
-    // T is its own inverse but for the scale.
-    if (cameras_.empty()) return surface_.set(frame_.to_model(u) / (frame_.scale() * frame_.scale()));
+    if (cameras_.empty()) return surface_.set(frame_.to_picture(surface_.mesh(), u));
+    if (cameras_.size() == 1) return surface_.set(u);
     const Eigen::Map<const Eigen::Matrix3Xd> of_nodes(u.data(), 3, u.size() / 3);
     Eigen::Matrix2Xd across = Eigen::Matrix2Xd::Zero(2, of_nodes.cols());
     across.row(0) = of_nodes.row(2);
@@ -137,7 +160,8 @@ class DrawnFace {
       Eigen::Vector3d x(at[0], at[1], at[2]);
       if (!moved) return x;
       const imaging::Displacement u = surface_.at(s, t);
-      x[axes_[0]] += u.u, x[axes_[1]] += u.v, x[axes_[2]] += across_.at(s, t).u;
+      x[axes_[0]] += u.u, x[axes_[1]] += u.v;
+      if (cameras_.size() > 1) x[axes_[2]] += across_.at(s, t).u;
       return x;
     };
     return imaging::drawn_view(cameras_[camera], taken_.width, taken_.height, pattern_, place, taken,
@@ -165,8 +189,8 @@ void simulate_pictures(const Project& project, const model::Mesh& mesh, const Si
   const std::uint64_t used_seed = seed.value_or(project.simulate->seed);
   DrawnFace face(project, mesh, simulated.dofs, used_seed);
   std::vector<std::string> folders;
-  for (Index c = 0; c < face.calibrated(); ++c) folders.push_back(fmt::format("{}/camera_{}", folder, c));
-  if (folders.empty()) folders.push_back(folder);
+  for (Index c = 0; c < face.cameras(); ++c)
+    folders.push_back(face.cameras() == 1 ? folder : fmt::format("{}/camera_{}", folder, c));
   std::size_t number = 0;  // of pictures drawn
   const auto draw = [&](const std::string& name, bool moved) {
     for (Index c = 0; c < std::ssize(folders); ++c) {

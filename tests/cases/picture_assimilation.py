@@ -111,6 +111,38 @@ class Test(Case):
             self.assertTrue({"correlation", "precision", "update", "forecast", "total"} <= set(line["elapsed_us"]))
         self.assertTrue((self.folder / "results" / "displacements.h5").exists())
 
+    def test_a_lens_is_taken_out(self):
+        """It moves the corners by 4 px. Drawn without noise, measured and compared with the formula; then as data."""
+        python = python_with("h5py", "numpy")
+        if python is None:
+            self.skipTest("no python3 with h5py here")
+        (self.folder / "lens.yaml").write_text(
+            "%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n"
+            "   data: [ 1500., 0., 310., 0., 1500., 150., 0., 0., 1. ]\n"
+            "distortion_coefficients: !!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n   data: [ -0.2, 0.1, 1.e-3, -2.e-3, 0. ]\n")
+        self.edit('mesh = "model"', 'mesh = "model"\nnoise = 257\nlens = "lens.yaml"')
+        self.edit("noise = 1\n", "noise = 0\nbit_depth = 16\n")
+        self.draw()
+        worst = "\n".join(QUADRATURE.split("with h5py")[0].splitlines()) + (
+            '\nwith h5py.File("u.h5") as file:\n'
+            '    points, component, time, values = (file[name][:] for name in ("dofs/points", "dofs/component", "time", "values"))\n'
+            "exact = numpy.array([[analytic_model.displacement(int(c), tuple(x), t, 1.06, 0.96) for c, x in zip(component, points)] for t in time])\n"
+            "print(json.dumps(float(numpy.nanmax(abs(values - exact)))))\n")
+
+        def error():
+            self.expect(0, "dic", self.project_name, "-o", "u.h5")
+            return json.loads(subprocess.run([python, "-c", worst, pathlib.Path(__file__).parent], cwd=self.folder, check=True,
+                                             capture_output=True, text=True).stdout)
+
+        self.assertLess(error(), 1e-6)  # m, of 3.9e-4; 0.0025 px
+        last = self.assimilate()[-1]
+        for k in range(2):
+            self.assertLess(abs(last["mean"][k] - TRUTH[k]), 3.3 * math.sqrt(last["covariance"][k][k]), last)
+        self.edit('lens = "lens.yaml"\n', "")
+        self.assertGreater(error(), 5e-6)
+        self.edit('mesh = "model"', 'registration = "outline"\nlens = "lens.yaml"\nmesh = "model"')
+        self.expect(3, "check", self.project_name, stderr='"dic.lens" needs "dic.scale", or "dic.pixels" and "dic.points"')
+
     def test_displacements_first_and_then_the_posterior_give_the_same(self):
         """`knothe dic -o u.h5` and assimilating that file, against pictures straight away: one noise, known from two references.
         Searches begin at other displacements (the model's, the last picture's): the iteration goes on to 1e-5 px."""

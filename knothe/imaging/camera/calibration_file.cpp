@@ -112,16 +112,26 @@ std::vector<std::string> numbered(const std::vector<std::string>& names, Index n
   return keys;
 }
 
+/// `matrix`, `distortion`: keys that may stand for them.
+Camera opencv_lens(const CalibrationText& file, const std::vector<std::string>& matrix,
+                   const std::vector<std::string>& distortion) {
+  const auto m = required(file, matrix, 9);
+  Camera camera;
+  camera.fx = m[0], camera.cx = m[2], camera.fy = m[4], camera.cy = m[5];
+  if (m[1] != 0)
+    file.fail(fmt::format("{}: OpenCV leaves the skew {} out; set it to 0", matrix.front(), m[1]));
+  set_distortion(file, camera, required(file, distortion, 4), distortion.front());
+  return camera;
+}
+
 std::vector<Camera> opencv_cameras(const CalibrationText& file) {
-  std::vector<Camera> cameras(2);
-  for (Index c = 0; c < 2; ++c) {
-    const Index n = c + 1;
-    const auto m = required(file, numbered({"M", "K", "cameraMatrix"}, n), 9);
-    Camera& camera = cameras[c];
-    camera.fx = m[0], camera.cx = m[2], camera.fy = m[4], camera.cy = m[5];
-    if (m[1] != 0) file.fail(fmt::format("M{}: OpenCV leaves the skew {} out; set it to 0", n, m[1]));
-    set_distortion(file, camera, required(file, numbered({"D", "distCoeffs"}, n), 4), fmt::format("D{}", n));
-  }
+  if (opencv_matrix(file, "camera_matrix") || opencv_matrix(file, "cameraMatrix"))
+    return {opencv_lens(file, {"camera_matrix", "cameraMatrix"},
+                        {"distortion_coefficients", "dist_coeffs", "distCoeffs"})};
+  std::vector<Camera> cameras;
+  for (Index n = 1; n <= 2; ++n)
+    cameras.push_back(
+        opencv_lens(file, numbered({"M", "K", "cameraMatrix"}, n), numbered({"D", "distCoeffs"}, n)));
   const auto r = required(file, {"R"}, 9), t = required(file, {"T"}, 3);
   cameras[1].rotation = orthonormal(Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r.data()));
   cameras[1].translation << t[0], t[1], t[2];
@@ -253,14 +263,8 @@ std::vector<Camera> matchid_cameras(const CalibrationText& file) {
   return cameras;
 }
 
-}  // namespace
-
-std::vector<Camera> read_cameras(const std::string& path) {
-  return parse_cameras(files::read_text(path), path);
-}
-
-std::vector<Camera> parse_cameras(const std::string& text, const std::string& path) {
-  CalibrationText file{path, "\n" + text, {}};  // every key begins a line
+/// One or more; `file` is made of the text.
+std::vector<Camera> all_cameras(CalibrationText& file) {
   if (file.has("<opencv_storage") || file.has("DICe_xml_camera_system_file")) file.parse();
   std::vector<Camera> cameras;
   if (file.has("<opencv_storage") || file.has("opencv-matrix"))
@@ -279,10 +283,31 @@ std::vector<Camera> parse_cameras(const std::string& text, const std::string& pa
     file.fail(
         "no calibration that is known: OpenCV's .yaml or .xml of two cameras, DICe's .xml, or MatchID's "
         ".caldat");
-  if (cameras.size() < 2)
-    file.fail(fmt::format("{} camera(s) found; two or more are needed", cameras.size()));
   for (Index c = 0; c < std::ssize(cameras); ++c) check(file, cameras[c], c);
   return cameras;
+}
+
+}  // namespace
+
+std::vector<Camera> read_cameras(const std::string& path) {
+  return parse_cameras(files::read_text(path), path);
+}
+
+std::vector<Camera> parse_cameras(const std::string& text, const std::string& path) {
+  CalibrationText file{path, "\n" + text, {}};  // every key begins a line
+  std::vector<Camera> cameras = all_cameras(file);
+  if (cameras.size() < 2)
+    file.fail(fmt::format("{} camera(s) found; two or more are needed", cameras.size()));
+  return cameras;
+}
+
+Camera read_lens(const std::string& path) {
+  CalibrationText file{path, "\n" + files::read_text(path), {}};
+  const std::vector<Camera> cameras = all_cameras(file);
+  if (cameras.empty()) file.fail("no camera found; one is needed");
+  Camera lens = cameras.front();
+  lens.rotation.setIdentity(), lens.translation.setZero();
+  return lens;
 }
 
 }  // namespace knothe::imaging

@@ -21,4 +21,8 @@ namespace knothe::imaging {
 /// The same of a file's text.
 [[nodiscard]] std::vector<Camera> parse_cameras(const std::string& text, const std::string& path);
 
+/// The lens of the only camera, or of the first, in a calibration file: OpenCV's with camera_matrix and
+/// distortion_coefficients too (or cameraMatrix, distCoeffs). Its pose is left out. The same errors.
+[[nodiscard]] Camera read_lens(const std::string& path);
+
 }  // namespace knothe::imaging

@@ -6,8 +6,10 @@
 #include <fstream>
 
 #include "knothe/base/error.hpp"
+#include "knothe/base/index.hpp"
 #include "knothe/files/testing/test_folder.hpp"
 #include "knothe/imaging/camera/calibration_file.hpp"
+#include "knothe/imaging/mesh/registration.hpp"
 
 namespace knothe::imaging {
 namespace {
@@ -159,6 +161,58 @@ std::vector<Camera> cameras_of(const char* text) {
   const files::TestFolder folder;
   std::ofstream(folder.file("calibration")) << text;
   return read_cameras(folder.file("calibration"));
+}
+
+/// A frame whose lens moves the picture's corners by some 4 px.
+PictureFrame frame_with_lens() {
+  PictureFrame frame = picture_frame(2e-4, {300, 250});
+  frame.slope *= std::polar(1.0, 0.1), frame.plane = 0.05;
+  Camera lens;
+  lens.fx = 1500, lens.fy = 1480, lens.cx = 310, lens.cy = 240, lens.skew = 0.5;
+  lens.radial = {-0.2, 0.1}, lens.tangential = {1e-3, -2e-3};
+  frame.lens = lens;
+  return frame;
+}
+
+TEST(PictureFrame, ALensIsTakenOutOfPlacesAndDisplacements) {
+  const PictureFrame frame = frame_with_lens();
+  ImageMesh mesh;
+  mesh.x = {12, 600, 590, 330}, mesh.y = {20, 15, 470, 230}, mesh.elements = {{0, 1, 2, 3}};
+  Eigen::VectorXd d(8);
+  d << 1.5, -0.7, 0.3, 2.1, -1.2, 0.4, 0.8, 0.8;
+  const Eigen::VectorXd u = frame.to_model(mesh, d);
+  const auto place = [&](double x, double y) {
+    const auto p = frame.model_point(x, y);
+    return Eigen::Vector2d(p[0], p[1]);
+  };
+  for (Index a = 0; a < 4; ++a) {
+    const double x = mesh.x[a], y = mesh.y[a];
+    const auto back = frame.picture_point(frame.model_point(x, y));
+    EXPECT_NEAR(back[0], x, 1e-9);
+    EXPECT_NEAR(back[1], y, 1e-9);
+    const Eigen::Vector2d moved = place(x + d[2 * a], y + d[2 * a + 1]) - place(x, y);
+    EXPECT_LT((u.segment<2>(2 * a) - moved).norm(), 1e-15);
+  }
+  // The lens alone: (x, y) = (X, Y)/Z by the formula, straight pixels of 1/fx.
+  const Eigen::Vector2d seen = frame.lens->project({0.17, -0.12, 1}).pixel;
+  const auto straight = frame.without_lens(seen.x(), seen.y());
+  EXPECT_NEAR(straight[0], 1500 * 0.17 + 310, 1e-9);
+  EXPECT_NEAR(straight[1], -1500 * 0.12 + 240, 1e-9);
+}
+
+TEST(PictureFrame, ThePrecisionBehindALensIsThatOfSmallDisplacements) {
+  const PictureFrame frame = frame_with_lens();
+  ImageMesh mesh;
+  mesh.x = {12, 600}, mesh.y = {20, 470};
+  const Eigen::MatrixXd root =
+      (Eigen::MatrixXd(4, 4) << 3, 1, 0, 1, 1, 4, 1, 0, 0, 1, 5, 2, 1, 0, 2, 6).finished();
+  const Eigen::MatrixXd in_pixels = root * root.transpose();
+  const Eigen::MatrixXd precision = frame.to_model(mesh, Eigen::SparseMatrix<double>(in_pixels.sparseView()));
+  Eigen::VectorXd d(4);
+  d << 1e-4, -2e-4, 3e-4, 1e-4;
+  const Eigen::VectorXd u = frame.to_model(mesh, d);
+  EXPECT_NEAR(u.dot(precision * u) / d.dot(in_pixels * d), 1, 1e-5);
+  EXPECT_LT((frame.to_picture(mesh, u) - d).norm(), 1e-5 * d.norm());
 }
 
 TEST(CalibrationFile, OneSystemInThreeFormatsIsOneSystem) {

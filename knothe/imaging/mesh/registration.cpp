@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 
@@ -14,8 +15,15 @@ namespace {
 using Complex = std::complex<double>;
 }  // namespace
 
+std::array<double, 2> PictureFrame::without_lens(double x, double y) const {
+  if (!lens) return {x, y};
+  const Eigen::Vector3d sight = lens->ray({x, y}).direction;
+  return {lens->fx * sight.x() + lens->cx, lens->fx * sight.y() + lens->cy};
+}
+
 std::array<double, 3> PictureFrame::model_point(double x, double y) const {
-  const Complex at = slope * Complex(x, -y) + offset;
+  const auto [right, down] = without_lens(x, y);
+  const Complex at = slope * Complex(right, -down) + offset;
   return view == View::side ? std::array<double, 3>{at.real(), at.imag(), plane}
                             : std::array<double, 3>{at.real(), plane, at.imag()};
 }
@@ -23,7 +31,10 @@ std::array<double, 3> PictureFrame::model_point(double x, double y) const {
 std::array<double, 2> PictureFrame::picture_point(const std::array<double, 3>& point) const {
   const Complex at(point[0], view == View::side ? point[1] : point[2]);
   const Complex w = (at - offset) / slope;
-  return {w.real(), -w.imag()};
+  if (!lens) return {w.real(), -w.imag()};
+  const Eigen::Vector2d pixel =
+      lens->project({(w.real() - lens->cx) / lens->fx, (-w.imag() - lens->cy) / lens->fx, 1}).pixel;
+  return {pixel.x(), pixel.y()};
 }
 
 std::array<int, 2> PictureFrame::components() const {
@@ -36,25 +47,57 @@ Eigen::Matrix2d PictureFrame::displacement_matrix() const {
   return t;
 }
 
-Eigen::VectorXd PictureFrame::to_model(const Eigen::VectorXd& displacement) const {
+Eigen::Matrix2d PictureFrame::displacement_matrix(double x, double y) const {
+  if (!lens) return displacement_matrix();
+  constexpr double k_step = 0.5;  // px; a lens is smooth
+  const auto right = without_lens(x + k_step, y), left = without_lens(x - k_step, y),
+             below = without_lens(x, y + k_step), above = without_lens(x, y - k_step);
+  Eigen::Matrix2d straight;
+  straight << right[0] - left[0], below[0] - above[0], right[1] - left[1], below[1] - above[1];
+  return displacement_matrix() * straight / (2 * k_step);
+}
+
+Eigen::VectorXd PictureFrame::to_model(const ImageMesh& mesh, const Eigen::VectorXd& displacement) const {
   const Eigen::Matrix2d t = displacement_matrix();
   Eigen::VectorXd result(displacement.size());
-  for (Index a = 0; a + 1 < displacement.size(); a += 2)
-    result.segment<2>(a) = t * displacement.segment<2>(a);
+  for (Index a = 0; a + 1 < displacement.size(); a += 2) {
+    Eigen::Vector2d d = displacement.segment<2>(a);
+    if (lens && d.allFinite()) {
+      const double x = mesh.x[a / 2], y = mesh.y[a / 2];
+      const auto moved = without_lens(x + d.x(), y + d.y()), at = without_lens(x, y);
+      d << moved[0] - at[0], moved[1] - at[1];
+    }
+    result.segment<2>(a) = t * d;
+  }
   return result;
 }
 
-Eigen::SparseMatrix<double> PictureFrame::to_model(const Eigen::SparseMatrix<double>& precision) const {
-  const Eigen::Matrix2d inverse = displacement_matrix() / std::norm(slope);
+Eigen::VectorXd PictureFrame::to_picture(const ImageMesh& mesh, const Eigen::VectorXd& displacement) const {
+  const Eigen::Matrix2d t = displacement_matrix();
+  Eigen::VectorXd result(displacement.size());
+  for (Index a = 0; a + 1 < displacement.size(); a += 2)
+    if (lens)
+      result.segment<2>(a) =
+          displacement_matrix(mesh.x[a / 2], mesh.y[a / 2]).inverse() * displacement.segment<2>(a);
+    else
+      result.segment<2>(a) = t * displacement.segment<2>(a) / std::norm(slope);
+  return result;
+}
+
+Eigen::SparseMatrix<double> PictureFrame::to_model(const ImageMesh& mesh,
+                                                   const Eigen::SparseMatrix<double>& precision) const {
+  Eigen::Matrix2d inverse = displacement_matrix() / std::norm(slope);
   std::vector<Eigen::Triplet<double>> entries;
-  entries.reserve(precision.rows());
-  for (int a = 0; a < precision.rows(); a += 2)
+  entries.reserve(2 * precision.rows());
+  for (int a = 0; a < precision.rows(); a += 2) {
+    if (lens) inverse = displacement_matrix(mesh.x[a / 2], mesh.y[a / 2]).inverse();
     for (int i = 0; i < 2; ++i)
       for (int j = 0; j < 2; ++j) entries.emplace_back(a + i, a + j, inverse(i, j));
+  }
   Eigen::SparseMatrix<double> turn(precision.rows(), precision.cols());
   turn.setFromTriplets(entries.begin(), entries.end());
   const Eigen::SparseMatrix<double> half = precision * turn;
-  Eigen::SparseMatrix<double> result = turn * half;  // the turn is symmetric
+  Eigen::SparseMatrix<double> result = Eigen::SparseMatrix<double>(turn.transpose()) * half;
   const Eigen::SparseMatrix<double> other = result.transpose();
   result = 0.5 * (result + other);
   return result;

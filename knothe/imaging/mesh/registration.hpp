@@ -4,7 +4,11 @@
 #include <Eigen/SparseCore>
 #include <array>
 #include <complex>
+#include <optional>
 #include <vector>
+
+#include "knothe/imaging/camera/camera.hpp"
+#include "knothe/imaging/mesh/image_mesh.hpp"
 
 namespace knothe::imaging {
 
@@ -20,6 +24,9 @@ struct PictureFrame {
   double relative_scale_std = 0;      ///< standard deviation of the scale over the scale
   View view = View::side;
   double plane = 0;  ///< m: the constant coordinate of the face
+  /// Of the camera, where it distorts; its pose does not count. `slope` and `offset` are then of the picture
+  /// that it would take without distortion, with square pixels (`without_lens`).
+  std::optional<Camera> lens;
 
   [[nodiscard]] double scale() const { return std::abs(slope); }  ///< m per px
   /// Model coordinates (m) of a place in the picture (px).
@@ -28,12 +35,21 @@ struct PictureFrame {
   [[nodiscard]] std::array<double, 2> picture_point(const std::array<double, 3>& point) const;
   /// Model components (0 x, 1 y, 2 z) that a displacement in the picture has.
   [[nodiscard]] std::array<int, 2> components() const;
-  /// T with (model displacement, m) = T (u, v), px; symmetric, T² = scale² I.
+  /// T with (model displacement, m) = T (u, v), px, without a lens; symmetric, T² = scale² I.
   [[nodiscard]] Eigen::Matrix2d displacement_matrix() const;
-  /// Displacements of nodes, interleaved, from px to m.
-  [[nodiscard]] Eigen::VectorXd to_model(const Eigen::VectorXd& displacement) const;
-  /// Their precision from 1/px² to 1/m²: T⁻ᵀ P T⁻¹ for each pair of nodes.
-  [[nodiscard]] Eigen::SparseMatrix<double> to_model(const Eigen::SparseMatrix<double>& precision) const;
+  /// Displacements of the nodes of a mesh, interleaved, from px to m.
+  [[nodiscard]] Eigen::VectorXd to_model(const ImageMesh& mesh, const Eigen::VectorXd& displacement) const;
+  /// Their precision from 1/px² to 1/m²: T⁻ᵀ P T⁻¹ for each pair of nodes; with a lens T is another at each
+  /// node, ∂(model place)/∂(x, y).
+  [[nodiscard]] Eigen::SparseMatrix<double> to_model(const ImageMesh& mesh,
+                                                     const Eigen::SparseMatrix<double>& precision) const;
+  /// Displacements of the nodes from m to px; with a lens to first order.
+  [[nodiscard]] Eigen::VectorXd to_picture(const ImageMesh& mesh, const Eigen::VectorXd& displacement) const;
+  /// Where the picture's place (x, y) would be without the lens; px.
+  [[nodiscard]] std::array<double, 2> without_lens(double x, double y) const;
+
+ private:
+  [[nodiscard]] Eigen::Matrix2d displacement_matrix(double x, double y) const;
 };
 
 /// A frame from its scale (m per px) and the pixel in which the model's origin lies, the camera not turned.

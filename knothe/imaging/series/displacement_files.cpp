@@ -36,8 +36,8 @@ void write_precisions(files::Hdf5Writer& file, const PictureSeries& series,
   const double noise = std::max(k_quantisation_noise, series_noise(series, results));
   const auto precision_of = [&](const auto& picture) {
     const Sparse in_pixels = series.precision(picture, noise).matrix;
-    return with_drift(frame ? frame->to_model(in_pixels) : in_pixels, options.drift, points, component,
-                      options.drift_std * (frame ? frame->scale() : 1));
+    return with_drift(frame ? frame->to_model(series.correlation().mesh(), in_pixels) : in_pixels,
+                      options.drift, points, component, options.drift_std * (frame ? frame->scale() : 1));
   };
   const std::vector<char>& usable = series.correlation().usable_elements();
   write_symmetric(file, "/noise/precision", precision_of(usable), units);
@@ -211,7 +211,7 @@ Eigen::VectorXd observed_values(const ImageMesh& mesh, const PictureResult& resu
   if (result.missing) return Eigen::VectorXd::Constant(2 * mesh.node_count(), k_nan);
   // The likelihood wants what the pictures say, not what a regularisation adds.
   const Eigen::VectorXd& u = c.unregularised.size() > 0 ? c.unregularised : c.displacement;
-  Eigen::VectorXd values = frame ? frame->to_model(u) : u;
+  Eigen::VectorXd values = frame ? frame->to_model(mesh, u) : u;
   const auto measured = measured_nodes(mesh, c.element_valid);
   for (int a = 0; a < mesh.node_count(); ++a)
     if (measured[a] == 0) values.segment<2>(2 * a).setConstant(k_nan);
@@ -349,7 +349,7 @@ void write_displacement_vtu(const std::string& path, const PictureSeries& series
   const PictureFrame upright = frame.value_or(PictureFrame{});
   const std::array<int, 2> components = upright.components();
   const auto measured = measured_nodes(mesh, c.element_valid);
-  const Eigen::VectorXd u = upright.to_model(c.displacement);
+  const Eigen::VectorXd u = upright.to_model(mesh, c.displacement);
   const Eigen::MatrixXd strain = nodal_strains(mesh, c.displacement, c.element_valid);
   std::vector<double> points, displacement, deviation, strains, seen;
   for (int a = 0; a < mesh.node_count(); ++a) {

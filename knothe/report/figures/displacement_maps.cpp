@@ -314,8 +314,9 @@ void write_displacement_maps(const std::string& path, const imaging::PictureSeri
                              const std::optional<imaging::PictureFrame>& frame) {
   const imaging::ImageCorrelation& correlation = series.correlation();
   const auto& valid = result.correlation.element_valid;
-  const Eigen::VectorXd u = frame ? Eigen::VectorXd(1e6 * frame->to_model(result.correlation.displacement))
-                                  : result.correlation.displacement;
+  const Eigen::VectorXd u =
+      frame ? Eigen::VectorXd(1e6 * frame->to_model(correlation.mesh(), result.correlation.displacement))
+            : result.correlation.displacement;
   const Eigen::MatrixXd strain =
       imaging::nodal_strains(correlation.mesh(), result.correlation.displacement, valid);
   const char* axes = "xyz";

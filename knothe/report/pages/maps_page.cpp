@@ -59,7 +59,7 @@ Json picture_record(const imaging::PictureSeries& series, const MappedPicture& p
   // A node without a valid element has no meaning, and is not drawn.
   const auto number = [](double value) { return std::isfinite(value) ? value : 0.0; };
   if (!r.missing && pixels.size() > 0) {
-    const Eigen::VectorXd values = frame ? frame->to_model(pixels) : pixels;
+    const Eigen::VectorXd values = frame ? frame->to_model(series.correlation().mesh(), pixels) : pixels;
     for (Eigen::Index i = 0; i + 1 < values.size(); i += 2) {
       u.push_back(number(values[i]));
       v.push_back(number(values[i + 1]));
