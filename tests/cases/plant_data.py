@@ -19,10 +19,9 @@ import threading
 import time
 import unittest
 
-from dashboard import exit_status
 from documentation import free_port
 from service_support import Service, ServiceCase
-from support import FIXTURES, KNOTHE, REPOSITORY, read_csv, write_csv
+from support import FIXTURES, KNOTHE, REPOSITORY, exit_status, read_csv, write_csv
 
 PLANT = REPOSITORY / "deploy" / "plant"
 STEPS = int(os.environ.get("KNOTHE_PLANT_STEPS", "12"))
