@@ -282,6 +282,8 @@ class Normal:
 
     def covariance(self) -> Array:
         """Of the dense unknowns: S⁻¹."""
+        if not np.all(np.diag(self.scaled) > 0):
+            raise np.linalg.LinAlgError("not positive definite")
         diagonal = 1 / np.sqrt(np.diag(self.scaled))
         inverse = np.linalg.inv(diagonal[:, None] * self.scaled * diagonal)
         scale = self.scale * diagonal

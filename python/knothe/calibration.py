@@ -244,8 +244,9 @@ class _Adjustment:
     def solve(self, progress: Callable[[str], None]) -> None:
         """A robust beginning; gross errors are found and left out until they remain the same; then the noise."""
         progress("initial values")
+        self.used = np.isfinite(self.residuals()).all(1)  # in front of the cameras
         for _ in range(1 if self.is_given else 3):  # what is known beside the pixels has its weight by the noise
-            self.scene = _bundle.minimised(self.unknowns, self.scene, self.now(), self._scale(), robust=True)
+            self.scene = _bundle.minimised(self.unknowns, self.scene, self.now().only(self.used), self._scale()[self.used], robust=True)
             self._correct_dots()
             if not self.is_given:
                 self.noise = np.sqrt(np.maximum(self._spread(), 1e-12))
@@ -305,8 +306,8 @@ class _Adjustment:
         parameters = (self.unknowns.count + self.unknowns.blocks * self.unknowns.size) / len(self.noise)
         for c in range(len(self.noise)):
             mine = off[self.sights.camera == c]
-            if len(mine):
-                variance[c] = float(np.median(mine)) / (2 * math.log(2)) / max(1 - parameters / (2 * len(mine)), 0.1)
+            if np.isfinite(mine).any():
+                variance[c] = float(np.nanmedian(mine)) / (2 * math.log(2)) / max(1 - parameters / (2 * len(mine)), 0.1)
         return variance
 
     def _judged(self) -> NDArray[np.bool_]:
@@ -330,6 +331,10 @@ class _Adjustment:
         if used.mean() < 0.5:
             raise DataError(f"calibration: {int(np.sum(~used))} of {len(used)} corners contradict the others: are columns, rows and the order of the corners "
                             "those of the target, and the pictures of each camera in one order?")
+        if not self.unknowns.by_poses:  # a point needs two cameras
+            seen_by = np.zeros((len(self.noise), self.observed.shape[2]), bool)
+            seen_by[s.camera[used], s.point[used]] = True
+            used &= (seen_by.sum(0) > 1)[s.point]
         for i, j, length, _ in self.known.distances:
             if min(int(used[s.point == k].sum()) for k in (i, j)) < 2:
                 raise DataError(f"calibration: the stated distance {length:g} of the points {i} and {j} contradicts the pictures: are these the points, and "
@@ -352,7 +357,7 @@ class _Adjustment:
                 pixels, by_place, _ = _bundle.project(scene.lens[s.camera], at + turned[:, :, :2] @ node)
                 area = abs(np.linalg.det(by_place @ turned[:, :, :2]))
                 total, moment = total + area, moment + area[:, None] * (pixels - middle)
-        self.offset = moment / total[:, None]
+        self.offset = np.where(np.isfinite(total)[:, None], moment / total[:, None], 0.0)
 
     def _require_determined(self) -> None:
         sights = self.now().only(self.used)
@@ -360,8 +365,9 @@ class _Adjustment:
         least, direction = normal.undetermined()
         if not least > 1e-12:
             weak = [self.unknowns.names[k] for k in np.argsort(-abs(direction)) if k < len(self.unknowns.names) and abs(direction[k]) > 0.2]
-            raise DataError(f"calibration: the pictures do not determine {', '.join(weak[:4]) or 'the poses'}: tilt the target by 20° to 40° in different "
-                            "directions and fill the picture, estimate fewer parameters (distortion=...), or give priors")
+            body = "target" if self.unknowns.by_poses else "specimen"
+            raise DataError(f"calibration: the pictures do not determine {', '.join(weak[:4]) or 'the poses'}: tilt the {body} by 20° to 40° in different "
+                            "directions and fill the picture, estimate fewer parameters (distortion=...), or give (narrower) priors")
 
     def result(self, turned: list[str]) -> Calibration:
         rows, normal, roots = self.rows_and_leverage()
@@ -750,7 +756,7 @@ def _scene_of_specimen(seen: Array, prior: Mapping[tuple[int, int], tuple[float,
     r, t = _start.rig_of_matches(ray[0][both], ray[1][both])
     place = np.full((views, count, 3), np.nan)
     depth = _start.depths(r, t, ray[0][both], ray[1][both])[:, 0]
-    place[both] = depth[:, None] * np.c_[ray[0][both], np.ones(len(depth))]
+    place[both] = np.where(depth > 0, depth, np.nan)[:, None] * np.c_[ray[0][both], np.ones(len(depth))]
     if distances:
         scale = float(np.nanmedian([length / np.linalg.norm(place[:, i] - place[:, j], axis=-1) for i, j, length, _ in distances]))
     else:
