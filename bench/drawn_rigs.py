@@ -195,6 +195,35 @@ def drawn_pictures(seed, cameras=2, pictures=10, columns=11, rows=8, size=(640, 
     return shown, true, drawn
 
 
+def moving_speckle(seed, size=(320, 240), places=5, tilt=15.0, noise=1.0):
+    """Pictures [C][V] of a speckled plane half-way between two cameras, tilted; where points (n, 2) of the first picture are in all (a function);
+    points' places on the body (a function); the cameras."""
+    rng = np.random.default_rng(seed)
+    *_, drawn = drawn_pictures(seed, size=size, is_drawn=False, pictures=1)
+    half = -0.5 * np.arctan2(drawn[1][1][0, 2], drawn[1][1][0, 0])
+    poses = []
+    for v in range(places):
+        turn = (v > 0) * np.radians(tilt) * np.array([np.cos(2.4 * v), np.sin(2.4 * v), 0])
+        poses.append((turned(turn) @ turned(np.array([0, half, 0])), np.array([*rng.uniform(-3, 3, 2), 330 + rng.uniform(-8, 8)])))
+    pictures = []
+    for camera in drawn:
+        rays = directions(camera[0], size, 2)
+        pictures.append([speckle_of(camera, rays, pose, 4.0, 2, noise, rng) for pose in poses])
+
+    def body(points):
+        lens = drawn[0][0]
+        x, y = (points[:, 0] - lens["cx"]) / lens["fx"], (points[:, 1] - lens["cy"]) / lens["fy"]
+        for _ in range(30):  # a ray of which the picture is the point
+            off = points - seen_by(drawn[0], np.stack([x, y, np.ones_like(x)], -1))
+            x, y = x + off[:, 0] / lens["fx"], y + off[:, 1] / lens["fy"]
+        return np.stack([*on_plane(drawn[0], np.stack([x, y], -1), poses[0]), np.zeros_like(x)], -1)
+
+    def places_of(points):
+        return np.array([[seen_by(camera, body(points) @ rotation.T + place) for rotation, place in poses] for camera in drawn])
+
+    return pictures, places_of, body, drawn
+
+
 def errors(found, drawn):
     """True less estimated, in the order of the names: turns about the camera's axes."""
     result = []

@@ -25,7 +25,7 @@ from knothe._bundle import PARAMETERS, Known, Normal, Scene, Sights, Unknowns
 from knothe._cameras import Camera
 from knothe._errors import DataError, Error, UsageError
 from knothe._innovations import chi_squared_above
-from knothe._pictures import read_picture
+from knothe._pictures import Correlation, read_picture
 from knothe._posterior import Reason, Verdict
 from knothe._targets import Target, find_target
 from knothe._values import Array, Normal as NormalPrior, counted, numbers
@@ -427,7 +427,7 @@ class _Adjustment:
         patterns = [("lens", of_cell, "the lens is not of this form: estimate more of its distortion (k3), or the pictures' corners of one place are "
                      "found with an error in common")]
         if self.unknowns.by_poses:
-            patterns.append(("target", s.point, "the target is not flat or not regular: give flatness_std, or a better target"))
+            patterns.append(("target", s.camera * self.observed.shape[2] + s.point, "the target is not flat or not regular: give flatness_std, or a better target"))
         for cause, label, advice in patterns:
             found, expected = _group_squares(label, pixels, rows.block[:2 * len(s)], roots, self.unknowns.count)
             probability = chi_squared_above(found, max(round(expected), 1))
@@ -669,6 +669,56 @@ def _add_spacing(found: Calibration, spacing_std: float) -> None:
     found.covariance = found.covariance + spacing_std**2 * np.outer(direction, direction)
 
 
+def match(pictures: Sequence[Sequence[Any]], roi: "Sequence[float] | None" = None, *, element_size: float = 24) -> Array:
+    """Matched points of a specimen's own speckle, for `calibrate_specimen`, by `Correlation`: one for each element, at one of its Gauss points,
+    where a bilinear element is right to second order.
+
+    Parameters
+    ----------
+    pictures : for each camera those of all places, in one order
+        Grey levels or files; the first of the first camera is the reference.
+    roi : (x0, y0, x1, y1), optional
+        Region of the reference, px.
+    element_size : float
+        px.
+
+    Returns
+    -------
+    ndarray, shape (C, V, N, 2)
+        Pixels; NaN of elements that are rejected, and of pictures that do not correlate: seen from too far aside, or turned too far.
+
+    Raises
+    ------
+    UsageError
+        The cameras have different numbers of pictures, or the reference has no texture.
+    DataError
+        A file is missing or not a picture.
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[:96, :96]
+    >>> speckle = lambda shift: 127 + 30 * (np.cos(0.9 * (x - shift)) + np.cos(0.8 * y + 0.3 * (x - shift)) + np.cos(0.5 * y - 0.6 * (x - shift)))
+    >>> found = knothe.calibration.match([[speckle(0), speckle(0.2)], [speckle(0.1), speckle(0.3)]])
+    >>> bool(np.max(abs(found[1, 1] - found[0, 0] - [0.3, 0])) < 0.02)
+    True
+    """
+    counts = [len(of_camera) for of_camera in pictures]
+    if not counts or min(counts) < 1 or len(set(counts)) > 1:
+        raise UsageError(f"match: {counts} pictures of the cameras: give as many of each, in one order")
+    correlation = Correlation(pictures[0][0], roi, element_size=element_size)
+    corners = np.stack([correlation.x, correlation.y], -1)[np.asarray(correlation.elements)]
+    low, high = corners.min(1), corners.max(1)
+    signs = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)])[np.arange(len(low)) % 4]
+    points = 0.5 * (low + high) + 0.5 * (high - low) * signs / math.sqrt(3)
+    found = np.full((len(pictures), counts[0], len(points), 2), np.nan)
+    found[0, 0] = points
+    for c, of_camera in enumerate(pictures):
+        for v, picture in enumerate(of_camera):
+            if (c, v) != (0, 0) and correlation.correlate(picture).converged:
+                found[c, v] = points + correlation.at(points)
+    return found
+
+
 def calibrate_specimen(observed: ArrayLike, sizes: Sequence[Any], priors: Priors, *, distances: Sequence[tuple[int, int, float, float]] = (),
                        planes: Sequence[tuple[Sequence[int], float]] = (), distortion: Sequence[str] = (), skew: bool = False,
                        noise_std: "ArrayLike | None" = None, pictures: "Sequence[Any] | None" = None,
@@ -758,7 +808,8 @@ def _scene_of_specimen(seen: Array, prior: Mapping[tuple[int, int], tuple[float,
     depth = _start.depths(r, t, ray[0][both], ray[1][both])[:, 0]
     place[both] = np.where(depth > 0, depth, np.nan)[:, None] * np.c_[ray[0][both], np.ones(len(depth))]
     if distances:
-        scale = float(np.nanmedian([length / np.linalg.norm(place[:, i] - place[:, j], axis=-1) for i, j, length, _ in distances]))
+        ratios = np.array([length / np.linalg.norm(place[:, i] - place[:, j], axis=-1) for i, j, length, _ in distances])
+        scale = float(np.median(ratios[np.isfinite(ratios)])) if np.isfinite(ratios).any() else math.nan
     else:
         (k, (mean, _)), *_ = [(k, each) for (c, k), each in prior.items() if c == 1 and k >= 16]
         scale = abs(mean / t[k - 16])
@@ -771,7 +822,7 @@ def _scene_of_specimen(seen: Array, prior: Mapping[tuple[int, int], tuple[float,
         common = np.isfinite(points[:, 0]) & np.isfinite(place[v, :, 0])
         if common.sum() < 4:
             raise DataError(f"calibrate_specimen: the first two cameras see {counted(int(common.sum()), 'point')} at place {v} that they see at the first "
-                            "place too: four are the least")
+                            "place too: four are the least; leave the place out, or state another one first")
         turned[v], moved[v] = _aligned(points[common], place[v, common])
         new = np.isfinite(place[v, :, 0]) & ~np.isfinite(points[:, 0])
         points[new] = (place[v, new] - moved[v]) @ turned[v]
@@ -964,7 +1015,7 @@ def main(arguments: "Sequence[str] | None" = None) -> int:
     return 0
 
 
-__all__ = ["Calibration", "Camera", "GrossError", "Target", "calibrate", "calibrate_specimen", "find_target", "main"]
+__all__ = ["Calibration", "Camera", "GrossError", "Target", "calibrate", "calibrate_specimen", "find_target", "main", "match"]
 
 if __name__ == "__main__":
     sys.exit(main())

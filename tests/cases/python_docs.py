@@ -92,6 +92,8 @@ class Test(CaseInItsFolder):
         for datum in knothe.Twin("project.toml").data:
             result = twin.assimilate(knothe.Datum(datum.step, datum.values))
         given = {"knothe": knothe, "np": np, "twin": twin, "result": result}
+        observed, target, sizes, _ = drawn_rigs.rig(1)
+        of_a_rig = {"observed": observed, "target": target, "rig": knothe.calibration.calibrate(observed, target, sizes)}
         faults, count = [], 0
         for name, each in self.examples():
             shared = dict(given)
@@ -100,8 +102,7 @@ class Test(CaseInItsFolder):
                 shared["correlation"] = knothe.Correlation(self.speckle(0), element_size=24)
                 shared["moved"] = shared["correlation"].correlate(self.speckle(0.3))
             if name.startswith(("calibration.", "plot.calibration")):
-                shared["observed"], shared["target"], sizes, _ = drawn_rigs.rig(1)
-                shared["rig"] = knothe.calibration.calibrate(shared["observed"], shared["target"], sizes)
+                shared.update(of_a_rig)
             for test in doctest.DocTestFinder(recurse=False).find(each, name, globs=shared):
                 said = []
                 doctest.DocTestRunner(verbose=False).run(test, out=said.append)
