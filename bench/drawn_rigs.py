@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Calibrations of drawn rigs: is the error as large as the covariance says?
 
-usage: bench/run.sh drawn_rigs [RIGS]      prints e C⁻¹ e / n over all rigs, and the share of intervals that hold their truth
+usage: PYTHONPATH=build/release/python drawn_rigs.py [rigs|specimens|chessboards|dots|speckle] [COUNT]
+prints e C⁻¹ e / n over all, and the share of intervals that hold their truth; chessboards and dots need OpenCV
 """
 import sys
 
@@ -254,9 +255,39 @@ def normalised_squares(rigs, make, solve):
     return np.array(squares), count, float(np.mean(inside))
 
 
+def in_pictures(seed, diameter):
+    """Corners found in drawn pictures (needs OpenCV), the target, sizes, and the cameras."""
+    target = knothe.calibration.Target(11, 8, 10.0, "dots" if diameter else "chessboard", diameter)
+    pictures, _, drawn = drawn_pictures(seed, diameter=diameter)
+    missed = np.full((88, 2), np.nan)
+    found = [[knothe.calibration.find_target(picture, target) for picture in of_camera] for of_camera in pictures]
+    return np.array([[missed if each is None else each for each in of_camera] for of_camera in found]), target, [(640, 480)] * 2, drawn
+
+
+def in_speckle(seed):
+    """Matched points of speckle, as of `specimen`; seeds of which all pictures correlate."""
+    rng = np.random.default_rng(seed)
+    pictures, _, body, drawn = moving_speckle((0, 1, 4, 6, 7)[seed % 5])
+    observed = knothe.calibration.match(pictures, (48, 36, 272, 204), element_size=20)
+    priors = {f"camera{c}.{name}": (lens[name] + 5 * rng.standard_normal(), 5.0) for c, (lens, _, _) in enumerate(drawn) for name in ("fx", "fy", "cx", "cy")}
+    points = body(observed[0, 0])
+    length = float(np.linalg.norm(points[0] - points[-1])) + 0.01 * rng.standard_normal()
+    return observed, [(320, 240)] * 2, priors, [(0, len(points) - 1, length, 0.01)], [(range(len(points)), 0.005)], drawn
+
+
 if __name__ == "__main__":
     import knothe.calibration
 
-    total = int(sys.argv[1]) if len(sys.argv) > 1 else 200
-    squares, count, inside = normalised_squares(total, rig, knothe.calibration.calibrate)
-    print(f"{total} rigs, {count} parameters: e C^-1 e / n = {squares.mean() / count:.4f}, 90 % intervals hold {100 * inside:.1f} % of the truths")
+    def without_target(distortion):
+        return lambda observed, sizes, priors, distances, planes: knothe.calibration.calibrate_specimen(
+            observed, sizes, priors, distances=distances, planes=planes, distortion=distortion)
+
+    calibrate = knothe.calibration.calibrate
+    WHAT = {"rigs": (200, rig, calibrate), "specimens": (40, specimen, without_target(["k1"])),
+            "chessboards": (16, lambda seed: in_pictures(seed, 0.0), calibrate), "dots": (12, lambda seed: in_pictures(seed, 5.0), calibrate),
+            "speckle": (5, in_speckle, without_target(["k1", "k2", "p1", "p2"]))}
+    what = sys.argv[1] if len(sys.argv) > 1 else "rigs"
+    count, make, solve = WHAT[what]
+    count = int(sys.argv[2]) if len(sys.argv) > 2 else count
+    squares, parameters, inside = normalised_squares(count, make, solve)
+    print(f"{what}, {count} of {parameters} parameters: e C^-1 e / n = {squares.mean() / parameters:.4f}, 90 % intervals hold {100 * inside:.1f} % of the truths")

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from knothe import _bundle, _calibration_start as _start, _cameras, _notebook
 from knothe._bundle import PARAMETERS, Known, Normal, Scene, Sights, Unknowns
 from knothe._cameras import Camera
-from knothe._errors import DataError, Error, UsageError
+from knothe._errors import DataError, Error, Interrupted, UsageError
 from knothe._innovations import chi_squared_above
 from knothe._pictures import Correlation, read_picture
 from knothe._posterior import Reason, Verdict
@@ -1012,6 +1012,8 @@ def main(arguments: "Sequence[str] | None" = None) -> int:
     except Error as error:
         print(f"knothe.calibration: error: {error}", file=sys.stderr)
         return error.status
+    except KeyboardInterrupt:
+        return Interrupted.status
     return 0
 
 
