@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Calibrations of drawn rigs: is the error as large as the covariance says?
 
-usage: PYTHONPATH=build/release/python drawn_rigs.py [rigs|specimens|chessboards|dots|speckle] [COUNT]
+usage: PYTHONPATH=build/release/python drawn_rigs.py [rigs|specimens|chessboards|dots|dots_of_unknown_diameter|speckle] [COUNT]
 prints e C⁻¹ e / n over all, and the share of intervals that hold their truth; chessboards and dots need OpenCV
 """
 import sys
@@ -255,9 +255,9 @@ def normalised_squares(rigs, make, solve):
     return np.array(squares), count, float(np.mean(inside))
 
 
-def in_pictures(seed, diameter):
+def in_pictures(seed, diameter, is_known=True):
     """Corners found in drawn pictures (needs OpenCV), the target, sizes, and the cameras."""
-    target = knothe.calibration.Target(11, 8, 10.0, "dots" if diameter else "chessboard", diameter)
+    target = knothe.calibration.Target(11, 8, 10.0, "dots" if diameter else "chessboard", diameter * is_known)
     pictures, _, drawn = drawn_pictures(seed, diameter=diameter)
     missed = np.full((88, 2), np.nan)
     found = [[knothe.calibration.find_target(picture, target) for picture in of_camera] for of_camera in pictures]
@@ -285,6 +285,7 @@ if __name__ == "__main__":
     calibrate = knothe.calibration.calibrate
     WHAT = {"rigs": (200, rig, calibrate), "specimens": (40, specimen, without_target(["k1"])),
             "chessboards": (16, lambda seed: in_pictures(seed, 0.0), calibrate), "dots": (12, lambda seed: in_pictures(seed, 5.0), calibrate),
+            "dots_of_unknown_diameter": (12, lambda seed: in_pictures(seed, 5.0, False), calibrate),
             "speckle": (5, in_speckle, without_target(["k1", "k2", "p1", "p2"]))}
     what = sys.argv[1] if len(sys.argv) > 1 else "rigs"
     count, make, solve = WHAT[what]
