@@ -12,6 +12,7 @@ The same engine as the program `knothe`: a result here is identical, to the bit,
 `open_results`                the results folder of a command
 `knothe.states`               filters for simulators that step: states as well as parameters
 `knothe.modes`                loss of stiffness from natural frequencies and mode shapes
+`knothe.calibration`          one's own cameras, with their covariance
 `knothe.plot`                 figures (matplotlib)
 ============================  ==============================================================================
 
@@ -50,7 +51,7 @@ from knothe._twin import Datum, StepResult, Twin
 from knothe._values import Axis, Lognormal, Normal, PosteriorOf, Precision, Prior, Sensors, Uniform
 
 
-_LAZY = ("modes", "plot", "states")
+_LAZY = ("calibration", "modes", "plot", "states")
 
 
 def __getattr__(name: str) -> Any:

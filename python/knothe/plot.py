@@ -18,6 +18,7 @@ from knothe._models import Model
 from knothe._notebook import readable_units
 from knothe._twin import StepResult, Twin
 from knothe._values import Array
+from knothe.calibration import Calibration
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -552,4 +553,43 @@ def residuals(results: "Results | Twin", *, axes: "Sequence[Axes] | None" = None
     drawn[1].set_xlabel("quantile of a standard normal")
     drawn[1].set_ylabel("quantile of the residuals [σ]")
     drawn[1].legend(frameon=False)
+    return drawn
+
+
+def calibration(found: Calibration, *, axes: "Sequence[Axes] | None" = None) -> "list[Axes]":
+    """Residuals of a calibration where they are in the picture: an arrow for each corner, all pictures over each other.
+
+    Arrows that point all ways are noise. Those that agree in a part of the picture show a lens that is not described, long ones (red, left out)
+    a corner that was found wrong.
+
+    Parameters
+    ----------
+    found : knothe.calibration.Calibration
+    axes : sequence of Axes, one for each camera, optional
+        A figure of its own by default.
+
+    Returns
+    -------
+    list of matplotlib.axes.Axes
+
+    Examples
+    --------
+    >>> [a.get_title() for a in knothe.plot.calibration(rig)]
+    ['camera 0: ± 0.051 px, arrows × 760', 'camera 1: ± 0.05 px, arrows × 780']
+    """
+    drawn = list(_figure(1, len(found.cameras), 5 * len(found.cameras), 3.4)[0]) if axes is None else list(axes)
+    for c, (each, camera, noise) in enumerate(zip(drawn, found.cameras, found.noise)):
+        width, height = camera.size
+        larger = float(f"{0.02 * max(width, height) / noise:.1e}")  # a standard deviation is a fiftieth of the picture
+        for pose, off, used in zip(found.poses, found.residuals[c], found.used[c]):
+            place = camera.project(found.points @ pose[:3, :3].T + pose[:3, 3])
+            for chosen, colour in ((used, _BLUE), (np.isfinite(off[:, 0]) & ~used, _TRUTH)):
+                if chosen.any():
+                    each.quiver(*place[chosen].T, *off[chosen].T, angles="xy", scale_units="xy", scale=1 / larger, color=colour, width=0.002)
+        each.set_title(f"camera {c}: ± {noise:.2g} px, arrows × {larger:.0f}", fontsize="medium")
+        each.set_xlim(0, width)
+        each.set_ylim(height, 0)
+        each.set_aspect("equal")
+        each.set_xlabel("x [px]")
+    drawn[0].set_ylabel("y [px]")
     return drawn

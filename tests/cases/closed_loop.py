@@ -10,8 +10,7 @@ import subprocess
 import sys
 import unittest
 
-from dashboard import exit_status
-from support import FIXTURES, REPOSITORY, Case, by_form
+from support import FIXTURES, REPOSITORY, Case, by_form, exit_status
 
 EXAMPLE = REPOSITORY / "examples" / "driven_test" / "closed_loop.py"
 PAGE = REPOSITORY / "docs" / "how-to" / "drive-a-machine.md"

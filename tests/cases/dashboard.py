@@ -10,6 +10,8 @@ import subprocess
 import sys
 import unittest
 
+from support import exit_status
+
 DASHBOARD = pathlib.Path(__file__).resolve().parent.parent.parent / "dashboard"
 PAGES = [DASHBOARD / "dist" / name for name in ("index.html", "report.html")]
 CHROMIUM = os.environ.get("KNOTHE_CHROMIUM", "/usr/bin/chromium")
@@ -39,13 +41,6 @@ def run_part(case, part, **environment):
                           timeout=900)
     case.assertEqual(done.returncode, 0, done.stdout[-6000:] + done.stderr[-2000:])
     return done.stdout
-
-
-def exit_status(result):
-    """77 tells CTest that a test was skipped; why, is printed."""
-    for _, reason in result.skipped:
-        print(f"skipped: {reason}")
-    return 77 if result.skipped and result.wasSuccessful() else 0 if result.wasSuccessful() else 1
 
 
 class Test(unittest.TestCase):

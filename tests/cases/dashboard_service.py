@@ -3,8 +3,8 @@ import os
 import sys
 import unittest
 
-from dashboard import exit_status, run_part
-from support import KNOTHE, Case
+from dashboard import run_part
+from support import KNOTHE, Case, exit_status
 
 
 class Test(Case):

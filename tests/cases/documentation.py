@@ -18,7 +18,7 @@ import subprocess
 import sys
 import unittest
 
-from support import KNOTHE, REPOSITORY, Case, python_with
+from support import KNOTHE, REPOSITORY, Case, exit_status, python_with
 
 DOCS = REPOSITORY / "docs"
 CHROMIUM = os.environ.get("KNOTHE_CHROMIUM", "/usr/bin/chromium")
@@ -68,13 +68,6 @@ def was_printed(line, output):
         if all(abs(a - b) <= margin * abs(a) for (a, margin), b in zip(said, printed, strict=True)):
             return True
     return False
-
-
-def exit_status(result):
-    """77 tells CTest that a test was skipped; why, is printed."""
-    for _, reason in result.skipped:
-        print(f"skipped: {reason}")
-    return 77 if result.skipped and result.wasSuccessful() else 0 if result.wasSuccessful() else 1
 
 
 class Test(Case):

@@ -18,8 +18,7 @@ import time
 import unittest
 import urllib.request
 
-from dashboard import exit_status
-from support import KNOTHE, REPOSITORY, Case, python_with, write_csv
+from support import KNOTHE, REPOSITORY, Case, exit_status, python_with, write_csv
 
 EXAMPLES = REPOSITORY / "examples"
 

@@ -14,12 +14,11 @@ import threading
 import time
 import unittest
 
-from dashboard import exit_status
 from decisions import FAILURE
 from documentation import free_port
 from plant_support import PlantCase
 from service_support import Broker, Service, comparable, make_certificates
-from support import REPOSITORY
+from support import REPOSITORY, exit_status
 
 sys.path.insert(0, str(REPOSITORY / "examples" / "driven_test"))
 from modbus_machine import HOLD, LOAD, STOP, Machine, Specimen

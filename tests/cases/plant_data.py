@@ -18,11 +18,10 @@ import threading
 import time
 import unittest
 
-from dashboard import exit_status
 from documentation import free_port
 from plant_support import PLANT, LibmodbusServer, PlantCase
 from service_support import Broker, Service
-from support import read_csv, write_csv
+from support import exit_status, read_csv, write_csv
 
 STEPS = int(os.environ.get("KNOTHE_PLANT_STEPS", "12"))
 SECONDS = 60 if STEPS > 12 else 6

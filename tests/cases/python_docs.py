@@ -21,7 +21,10 @@ except ImportError as missing:
 
 from support import REPOSITORY, CaseInItsFolder
 
+sys.path.insert(0, str(REPOSITORY / "bench"))
+import drawn_rigs
 import knothe
+import knothe.calibration
 import knothe.modes
 import knothe.plot
 import knothe.states
@@ -69,7 +72,7 @@ class Test(CaseInItsFolder):
     def examples(self):
         """What has a docstring and is public: classes with their methods, functions, figures."""
         objects = [(name, getattr(knothe, name)) for name in knothe.__all__ if callable(getattr(knothe, name))]
-        for module in (knothe.plot, knothe.states, knothe.modes):
+        for module in (knothe.plot, knothe.states, knothe.modes, knothe.calibration):
             objects += [(f"{module.__name__.split('.')[1]}.{name}", f) for name, f in vars(module).items()
                         if not name.startswith("_") and (name in module.__all__ if hasattr(module, "__all__") else
                                                          inspect.isfunction(f) and f.__module__ == module.__name__)]
@@ -89,6 +92,8 @@ class Test(CaseInItsFolder):
         for datum in knothe.Twin("project.toml").data:
             result = twin.assimilate(knothe.Datum(datum.step, datum.values))
         given = {"knothe": knothe, "np": np, "twin": twin, "result": result}
+        observed, target, sizes, _ = drawn_rigs.rig(1)
+        of_a_rig = {"observed": observed, "target": target, "rig": knothe.calibration.calibrate(observed, target, sizes)}
         faults, count = [], 0
         for name, each in self.examples():
             shared = dict(given)
@@ -96,6 +101,8 @@ class Test(CaseInItsFolder):
                 shared["picture"] = self.speckle
                 shared["correlation"] = knothe.Correlation(self.speckle(0), element_size=24)
                 shared["moved"] = shared["correlation"].correlate(self.speckle(0.3))
+            if name.startswith(("calibration.", "plot.calibration")):
+                shared.update(of_a_rig)
             for test in doctest.DocTestFinder(recurse=False).find(each, name, globs=shared):
                 said = []
                 doctest.DocTestRunner(verbose=False).run(test, out=said.append)
@@ -127,7 +134,7 @@ class Test(CaseInItsFolder):
     def test_every_parameter_and_what_is_returned_is_documented(self):
         """Of functions and methods; a class that is made by its user lists the parameters of its constructor."""
         library_makes = {"Fit", "InferenceResult", "Model", "ObservedModel", "Posterior", "Results", "StepResult", "TransportMap",
-                         "modes.Baseline", "modes.Health", "states.StateEstimate", "states.StateForecast"}
+                         "calibration.Calibration", "modes.Baseline", "modes.Health", "states.StateEstimate", "states.StateForecast"}
         count = 0
         for name, each in self.examples():
             is_class = isinstance(each, type)

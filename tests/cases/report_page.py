@@ -10,9 +10,9 @@ import subprocess
 import sys
 import unittest
 
-from dashboard import exit_status, run_part
+from dashboard import run_part
 from dic_pictures import Speckle, write_pgm
-from support import REPOSITORY, SOURCE, Case, read_csv, write_csv
+from support import REPOSITORY, SOURCE, Case, exit_status, read_csv, write_csv
 
 sys.path.insert(0, str(REPOSITORY / "studies" / "reproduction"))
 import record  # noqa: E402

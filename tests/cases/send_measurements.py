@@ -11,10 +11,9 @@ import threading
 import types
 import unittest
 
-from dashboard import exit_status
 from documentation import blocks_of, free_port
 from service_support import Service, ServiceCase
-from support import REPOSITORY, python_with, read_csv, write_csv
+from support import REPOSITORY, exit_status, python_with, read_csv, write_csv
 
 PAGE = REPOSITORY / "docs/how-to/send-measurements.md"
 NAMES = ("gauge", "reaction_force")

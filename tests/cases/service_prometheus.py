@@ -10,9 +10,8 @@ import unittest
 import urllib.parse
 import urllib.request
 
-from dashboard import exit_status
 from service_support import ServiceCase
-from support import REPOSITORY
+from support import REPOSITORY, exit_status
 
 PROMETHEUS, PROMTOOL = (shutil.which(name) for name in ("prometheus", "promtool"))
 

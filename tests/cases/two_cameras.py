@@ -70,6 +70,17 @@ def drawn(camera, moved):
     return Speckle().picture(seen_by(camera == "right") if moved else None, noise=1, seed=2 * (camera == "right") + moved)
 
 
+def values_of(path, name):
+    """Of an array of a VTK file, which are appended in binary form."""
+    head, _, rest = path.read_bytes().partition(b"<AppendedData")
+    root = xml.etree.ElementTree.fromstring(head + b"</VTKFile>")
+    (array,) = root.findall(f".//DataArray[@Name='{name}']")
+    at = rest.index(b"_") + 1 + int(array.get("offset"))
+    assert (root.get("header_type"), array.get("type")) == ("UInt64", "Float64")
+    (size,) = struct.unpack_from("<Q", rest, at)
+    return struct.unpack_from(f"<{size // 8}d", rest, at + 8)
+
+
 class Test(Case):
 
     def draw(self):
@@ -82,16 +93,6 @@ class Test(Case):
     def dic(self, *arguments, status=0, **options):
         return self.expect(status, "dic", "left/0_reference.pgm", "left/1_moved.pgm", *OPTIONS, *arguments, **options)
 
-    def values(self, file, name):
-        """Of an array of a VTK file, which are appended in binary form."""
-        head, _, rest = (self.folder / file).read_bytes().partition(b"<AppendedData")
-        root = xml.etree.ElementTree.fromstring(head + b"</VTKFile>")
-        (array,) = root.findall(f".//DataArray[@Name='{name}']")
-        at = rest.index(b"_") + 1 + int(array.get("offset"))
-        self.assertEqual((root.get("header_type"), array.get("type")), ("UInt64", "Float64"))
-        (size,) = struct.unpack_from("<Q", rest, at)
-        return struct.unpack_from(f"<{size // 8}d", rest, at + 8)
-
     def test_motion_towards_the_cameras_is_no_strain(self):
         self.draw()
         line = self.dic("--cameras", "stereo.yaml", "--other", "right/0_reference.pgm", "right/1_moved.pgm", "-o", "u.vtu",
@@ -100,7 +101,7 @@ class Test(Case):
         self.assertLess(line["epipolar_rms_px"], 0.05)
         self.assertLess(line["surface_epipolar_rms_px"], 0.05)
         self.assertTrue(0.3 < line["chi_square_per_value"] < 2, line)
-        values = self.values("u.vtu", "displacement")
+        values = values_of(self.folder / "u.vtu", "displacement")
         self.assertEqual(len(values), 3 * line["nodes"])
         for axis, exact in enumerate((0, 0, -1e-3 * TOWARDS)):
             of_axis = values[axis::3]
