@@ -122,6 +122,11 @@ export function prettyUnits(units: string | undefined): string {
   return text === "1" ? "" : text;
 }
 
+/** A model time: "t = 3600 s". */
+export function timeWords(time: number, units: string | undefined): string {
+  return `t = ${given(time)} ${prettyUnits(units)}`.trim();
+}
+
 /** "label [units]", as at an axis. */
 export function axisLabel(label: string, units: string): string {
   return units ? `${label} [${units}]` : label;
