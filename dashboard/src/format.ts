@@ -18,7 +18,7 @@ export interface Scale {
 }
 
 export function scaleFor(units: string | undefined, largest: number): Scale {
-  const plain = !units || units === "1" ? "" : units;
+  const plain = prettyUnits(units);
   if (!prefixable.has(plain) || !(largest > 0) || !Number.isFinite(largest)) return { factor: 1, units: plain };
   const [size, prefix] = prefixes.find(([s]) => largest >= s * 0.999) ?? [1e-9, "n"];
   return { factor: 1 / size, units: prefix + plain };
