@@ -151,7 +151,8 @@ def pair(posterior: "Posterior | Results", *, truth: Mapping[str, float] | None 
                 _draw_marginal(each, posterior, i, known)
                 each.set_yticks([])
             else:
-                each.plot(shown[:, j], shown[:, i], ".", color=_BLUE, markersize=3, alpha=0.35, markeredgewidth=0, label="draws")
+                each.plot(shown[:, j], shown[:, i], ".", color=_BLUE, markersize=3, alpha=0.35, markeredgewidth=0)
+                each.plot([], [], ".", color=_BLUE, label="draws")
                 _draw_regions(each, shown[:, j], shown[:, i])
                 if names[j] in known and names[i] in known:
                     each.plot(known[names[j]], known[names[i]], "+", color=_TRUTH, markersize=10, markeredgewidth=2, label="truth")
@@ -162,8 +163,8 @@ def pair(posterior: "Posterior | Results", *, truth: Mapping[str, float] | None 
             rows[i][j].set_xlim(rows[j][j].get_xlim())
             rows[i][j].set_ylim(rows[i][i].get_xlim())
     if d > 1:
-        handles, labels = rows[1][0].get_legend_handles_labels()
-        rows[0][d - 1].legend(handles, labels, loc="center", frameon=False)
+        meanings = {label: handle for each in (rows[0][0], rows[1][0]) for handle, label in zip(*each.get_legend_handles_labels())}
+        rows[0][d - 1].legend(list(meanings.values()), list(meanings), loc="center", frameon=False)
     return [list(row) for row in rows]
 
 
