@@ -2,6 +2,7 @@
 // tells whether what is committed is what the sources make.
 import { createHash } from "node:crypto";
 import { existsSync, readFileSync, writeFileSync } from "node:fs";
+import { readFile } from "node:fs/promises";
 import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { gzipSync } from "node:zlib";
@@ -9,6 +10,29 @@ import { build } from "esbuild";
 
 const here = dirname(fileURLToPath(import.meta.url));
 const notice = "/* knothe (Apache 2.0); within: Preact (MIT, Jason Miller), uPlot (MIT, Leon Sorokin) */";
+
+/** Of uPlot what no plot here uses is left out: calendars (model time is no date), and curves between points. */
+const withoutCalendars = {
+  name: "uplot",
+  setup({ onLoad }) {
+    onLoad({ filter: /uPlot\.esm\.js$/ }, async ({ path }) => {
+      let contents = await readFile(path, "utf8");
+      for (const [unused, instead] of [
+        [/\bisTime (?=\?|&&)/g, "false "],
+        [/^\tconst _time(AxisSplits|AxisVals|SeriesVal) .*$/gm, ""],
+        [/^const \[ timeIncrs.* = genTimeStuffs.*$/gm, ""],
+        [/^\tuPlot\.(fmtDate|tzDate) .*$/gm, ""],
+        [/^\t\(paths\.(stepped|spline) .*$/gm, ""],
+        [/^\tconst _(tzDate|fmtDate) .*$/gm, ""],
+        [/^const localTz .*$/gm, ""],
+      ]) {
+        if (!unused.test(contents)) throw new Error(`uPlot has changed: there is no ${unused}`);
+        contents = contents.replace(unused, instead);
+      }
+      return { contents };
+    });
+  },
+};
 
 async function bundle(entry) {
   const result = await build({
@@ -22,6 +46,7 @@ async function bundle(entry) {
     jsx: "automatic",
     jsxImportSource: "preact",
     legalComments: "none",
+    plugins: [withoutCalendars],
     absWorkingDir: here,
     logLevel: "warning",
   });

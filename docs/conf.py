@@ -44,6 +44,8 @@ breathe_default_members = ("members", "undoc-members")
 breathe_show_include = False
 
 html_theme = "furo"
+pygments_style = "xcode"  # contrasts that can be read (WCAG AA)
+pygments_dark_style = "github-dark"
 html_title = f"knothe {version}"
 html_static_path = ["_static"]
 html_css_files = ["knothe.css"]

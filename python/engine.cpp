@@ -45,8 +45,8 @@ struct Result {
   assimilation::StepResult step;
   std::shared_ptr<const std::vector<posterior::Prior>> priors;
   std::shared_ptr<const std::vector<model::Axis>> axes;
-  std::optional<model::Loading> loading;  ///< at the posterior mean
-  bool warned = false;                    ///< the caller, that it is not trusted
+  model::Loading loading;  ///< at the posterior mean
+  bool warned = false;     ///< the caller, that it is not trusted
 };
 using SharedResult = std::shared_ptr<Result>;
 
@@ -166,8 +166,7 @@ class Twin {
  private:
   [[nodiscard]] Result result_of(assimilation::StepResult step) const {
     const Eigen::VectorXd& mean = step.update.mean;
-    auto loading =
-        step.forecasts.empty() ? std::nullopt : model::loading_of(model_, clock_, {mean.begin(), mean.end()});
+    auto loading = model::loading_of(model_, clock_, {mean.begin(), mean.end()});
     return {std::move(step), priors_, axes_, std::move(loading)};
   }
   [[nodiscard]] static std::string fault(std::size_t step) { return "step " + std::to_string(step); }
@@ -248,6 +247,7 @@ void bind_results(py::module_& module) {
                all[forecast.name]["at"] = record::horizon_text(forecast.horizon, result.loading);
              return files::json_line(all);
            })
+      .def("time_units", [](const Result& result) { return result.loading.time_units; })
       .def("points", points_of_result)
       .def("weights", [](const Result& result) { return array_of(plain(result.step.update.weights)); })
       .def("labels", [](const Result& result) { return labels_of(*result.axes); })

@@ -238,6 +238,7 @@ model::Snapshots snapshots_of(const py::dict& parts) {
   for (const auto& [name, nodes, units, long_name, reference] : parts["axes"].cast<std::vector<Axis>>())
     s.axes.push_back({name, nodes, units, long_name, reference});
   s.time = parts["time"].cast<std::vector<double>>();
+  s.time_units = parts["time_units"].cast<std::string>();
   s.values = vector_of(parts["values"].cast<Doubles>());
   s.field = {parts["units"].cast<std::string>(), parts["long_name"].cast<std::string>()};
   s.dofs.points = vector_of(parts["points"].cast<Doubles>());

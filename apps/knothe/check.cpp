@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/knothe/commands.hpp"
+#include "knothe/base/console.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/project/file_check.hpp"
 #include "knothe/project/option_table.hpp"
@@ -24,8 +25,9 @@ int check(const CheckArguments& arguments) {
   if (arguments.project.empty()) throw UsageError("check needs a project file, --options or --schema");
   const project::Project project = project::read_project(arguments.project);
   const project::FileCheck check = project::check_files(project);
-  for (const std::string& fact : check.facts) fmt::print("{}\n", fact);
-  for (const std::string& warning : check.warnings) fmt::print(stderr, "warning: {}\n", warning);
+  for (const std::string& fact : check.facts) fmt::print("{}\n", for_people(fact, stdout, 2));
+  for (const std::string& warning : check.warnings)
+    fmt::print(stderr, "{}\n", for_people("warning: " + warning, stderr, 2));
   if (check.missing.empty()) {
     fmt::print("{}: valid\n", arguments.project);
   } else {

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/knothe/commands.hpp"
+#include "knothe/base/console.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/files/atomic_file.hpp"
 #include "knothe/files/json_line.hpp"
@@ -34,10 +35,12 @@ int select(const SelectArguments& arguments) {
   for (std::size_t i = 0; i < study.ranked.size(); ++i) {
     const auto& r = study.ranked[i];
     const std::size_t k = r.dof;
-    fmt::print("{:3}  dof {} ({} at {:.1f}, {:.1f}, {:.1f} mm) {}\n", i + 1, setup.candidates[k],
-               "xyz"[setup.sensors.components[k]], 1e3 * setup.problem.positions(r.dof, 0),
-               1e3 * setup.problem.positions(r.dof, 1), 1e3 * setup.problem.positions(r.dof, 2),
-               assimilation::explain(study, i, names));
+    const std::string line =
+        fmt::format("{:3}  dof {} ({} at {:.1f}, {:.1f}, {:.1f} mm) {}", i + 1, setup.candidates[k],
+                    "xyz"[setup.sensors.components[k]], 1e3 * setup.problem.positions(r.dof, 0),
+                    1e3 * setup.problem.positions(r.dof, 1), 1e3 * setup.problem.positions(r.dof, 2),
+                    assimilation::explain(study, i, names));
+    fmt::print("{}\n", for_people(line, stdout, 5));
   }
   fmt::print("{} of {} dofs by {} in {:.2f} s; fields and comparison: {}\n", study.ranked.size(),
              setup.candidates.size(), to_text(project.select.criterion), study.choice_seconds,

@@ -163,6 +163,7 @@ export function App({ store }: { store: Store }) {
           version={version}
           chosen={store.chosen}
           line={line}
+          timeUnits={model?.time?.units}
           events={events}
           theme={theme}
           choose={(step) => store.choose(step)}
@@ -171,14 +172,6 @@ export function App({ store }: { store: Store }) {
         />
         <Summary model={model} line={line} theme={theme} />
         <div class={`panels ${worthClass(line)}`}>
-          <SignalPanel
-            signal={store.detail.signal}
-            wanted={store.signal}
-            want={(sensor) => store.wantSignal(sensor)}
-            plots={plots}
-          />
-          <ForecastPanel {...plots} quantity={quantity} setQuantity={setQuantity} />
-          <ParametersPanel {...plots} />
           <FieldPanel
             model={model}
             fields={store.detail.fields}
@@ -189,6 +182,14 @@ export function App({ store }: { store: Store }) {
             setQuantity={(name) => store.want(name)}
             fetchPicture={(step) => store.api.picture(step)}
           />
+          <SignalPanel
+            signal={store.detail.signal}
+            wanted={store.signal}
+            want={(sensor) => store.wantSignal(sensor)}
+            plots={plots}
+          />
+          <ForecastPanel {...plots} quantity={quantity} setQuantity={setQuantity} />
+          <ParametersPanel {...plots} />
           <PairPanel
             model={model}
             line={pairLine}

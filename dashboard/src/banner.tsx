@@ -1,7 +1,7 @@
 /** At the top of the page, readable from across the room: the service's state, the structure's, why, and how old the last datum is. */
 import { useEffect, useState } from "preact/hooks";
 import { levelLook, quietLook, stateLook } from "./colour";
-import { clock, duration, given } from "./format";
+import { clock, duration, given, prettyUnits } from "./format";
 import { banner as bannerOf, bannerWords, levelWords, structure, type Structure } from "./state";
 import type { Store } from "./store";
 
@@ -66,7 +66,7 @@ export function BannerView({ store }: { store: Store }) {
         </div>
         <div>
           <dt>model time</dt>
-          <dd>{latest ? given(latest.time) : "–"}</dd>
+          <dd>{latest ? `${given(latest.time)} ${prettyUnits(model?.time?.units)}`.trim() : "–"}</dd>
         </div>
         {(status?.quarantined ?? 0) > 0 && (
           <div>

@@ -73,7 +73,6 @@ export function FieldPanel({ model, fields, sensors, theme, known, quantity, set
     <Panel
       id="field"
       title={title}
-      span="wide"
       png={() => compose([ground.current!, picture.current!, overlay.current!], image !== undefined, theme, title)}
       csv={table}
       controls={choices}

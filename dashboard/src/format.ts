@@ -18,7 +18,7 @@ export interface Scale {
 }
 
 export function scaleFor(units: string | undefined, largest: number): Scale {
-  const plain = !units || units === "1" ? "" : units;
+  const plain = prettyUnits(units);
   if (!prefixable.has(plain) || !(largest > 0) || !Number.isFinite(largest)) return { factor: 1, units: plain };
   const [size, prefix] = prefixes.find(([s]) => largest >= s * 0.999) ?? [1e-9, "n"];
   return { factor: 1 / size, units: prefix + plain };
@@ -120,6 +120,11 @@ export function prettyUnits(units: string | undefined): string {
     (_, unit: string, power: string) => unit + (power === "2" ? "²" : "³"),
   );
   return text === "1" ? "" : text;
+}
+
+/** A model time: "t = 3600 s". */
+export function timeWords(time: number, units: string | undefined): string {
+  return `t = ${given(time)} ${prettyUnits(units)}`.trim();
 }
 
 /** "label [units]", as at an axis. */

@@ -3,7 +3,7 @@ import { useState } from "preact/hooks";
 import type { Api } from "./api";
 import type { Note } from "./chart";
 import { csv } from "./csv";
-import { clock, given } from "./format";
+import { clock, timeWords } from "./format";
 import { Panel } from "./panel";
 import { SensorForm } from "./sensor_form";
 import { SignedForm } from "./signed_form";
@@ -13,10 +13,11 @@ import type { Entry, Model, StepLine } from "./types";
 const shown = 200;
 
 /** An entry in words, without its author. */
-export function entryWords(entry: Entry): string {
+export function entryWords(entry: Entry, timeUnits?: string): string {
+  const at = timeWords(entry.time, timeUnits);
   const why = entry.text ? `: ${entry.text}` : "";
-  if (entry.kind === "sensor_off") return `sensor ${entry.sensor} switched off from t = ${given(entry.time)} on${why}`;
-  if (entry.kind === "sensor_on") return `sensor ${entry.sensor} switched on from t = ${given(entry.time)} on${why}`;
+  if (entry.kind === "sensor_off") return `sensor ${entry.sensor} switched off from ${at} on${why}`;
+  if (entry.kind === "sensor_on") return `sensor ${entry.sensor} switched on from ${at} on${why}`;
   if (entry.kind === "test_finished") return `finished the test${why}`;
   if (entry.kind === "test_resumed") return `resumed the test${why}`;
   if (entry.kind === "test_begun") return `began this test${why}`;
@@ -100,10 +101,10 @@ export function LogbookPanel({
             <p>
               <b>{e.by}</b>{" "}
               <span class="at">
-                t = {given(e.time)}
+                {timeWords(e.time, model?.time?.units)}
                 {e.written_at === undefined ? "" : `, ${clock(e.written_at)}`}
               </span>{" "}
-              {entryWords(e)}
+              {entryWords(e, model?.time?.units)}
             </p>
           </li>
         ))}

@@ -6,20 +6,19 @@ interface Props {
   id: string;
   title: string;
   note?: string;
-  span?: "wide";
   controls?: ComponentChildren;
   png?: (() => Promise<Blob>) | undefined;
   csv?: (() => string | undefined) | undefined;
   children: ComponentChildren;
 }
 
-export function Panel({ id, title, note, span, controls, png, csv, children }: Props) {
+export function Panel({ id, title, note, controls, png, csv, children }: Props) {
   const table = (): void => {
     const text = csv?.();
     if (text) saveText(text, `knothe-${id}.csv`);
   };
   return (
-    <section id={id} class={`panel ${span ?? ""}`} aria-labelledby={`${id}-title`} tabIndex={-1}>
+    <section id={id} class="panel" aria-labelledby={`${id}-title`} tabIndex={-1}>
       <header>
         <h2 id={`${id}-title`}>{title}</h2>
         <span class="controls">

@@ -4,7 +4,7 @@ import { useMemo, useRef } from "preact/hooks";
 import { Chart, type ChartHandle, type ChartSpec, type Note } from "./chart";
 import type { Theme } from "./colour";
 import { csv } from "./csv";
-import { given, microseconds, probability, significant } from "./format";
+import { microseconds, probability, significant, timeWords } from "./format";
 import { quantile, timeline } from "./history";
 import { Panel } from "./panel";
 import {
@@ -112,15 +112,9 @@ export function ChartsPanel({ id, title, note, specs: plain, props, controls, ov
       props.theme,
     );
   return (
-    <Panel
-      id={id}
-      title={title}
-      {...(note ? { note } : {})}
-      controls={controls}
-      png={picture}
-      csv={() => specsTable(specs)}
-    >
+    <Panel id={id} title={title} controls={controls} png={picture} csv={() => specsTable(specs)}>
       <Charts specs={specs} props={props} handles={handles} overTime={overTime} />
+      {note && <p class="note">{note}</p>}
     </Panel>
   );
 }
@@ -128,7 +122,7 @@ export function ChartsPanel({ id, title, note, specs: plain, props, controls, ov
 function stepWords({ line, model }: PlotProps): string {
   const level = line?.verdict?.level ?? "ok";
   return line
-    ? ` · ${model?.site ? `${model.site}, ` : ""}step ${line.step}, t = ${given(line.time)}${level === "ok" ? "" : ` · ${levelWords[level]}`}`
+    ? ` · ${model?.site ? `${model.site}, ` : ""}step ${line.step}, ${timeWords(line.time, model?.time?.units)}${level === "ok" ? "" : ` · ${levelWords[level]}`}`
     : "";
 }
 

@@ -1,7 +1,7 @@
 /** Back in time: a slider over all steps, with what happened marked on it. */
 import { useEffect, useRef, useState } from "preact/hooks";
 import type { Theme } from "./colour";
-import { clock, given } from "./format";
+import { clock, timeWords } from "./format";
 import type { Event, StepLine } from "./types";
 
 interface Props {
@@ -9,6 +9,7 @@ interface Props {
   version: number;
   chosen: number | undefined;
   line: StepLine | undefined;
+  timeUnits: string | undefined;
   events: readonly Event[];
   theme: Theme;
   choose: (step: number | undefined) => void;
@@ -16,7 +17,7 @@ interface Props {
   setPlaying: (playing: boolean) => void;
 }
 
-export function Scrub({ lines, version, chosen, line, events, theme, choose, playing, setPlaying }: Props) {
+export function Scrub({ lines, version, chosen, line, timeUnits, events, theme, choose, playing, setPlaying }: Props) {
   const track = useRef<HTMLCanvasElement>(null);
   const [width, setWidth] = useState(600);
   const first = lines[0]?.step ?? 0;
@@ -68,9 +69,9 @@ export function Scrub({ lines, version, chosen, line, events, theme, choose, pla
       </button>
       <p>
         {past && line
-          ? `Viewing step ${line.step} (t = ${given(line.time)}${clockOf(line)}), ${last - line.step} steps before the latest.`
+          ? `Viewing step ${line.step} (${timeWords(line.time, timeUnits)}${clockOf(line)}), ${last - line.step} steps before the latest.`
           : line
-            ? `Step ${line.step}, t = ${given(line.time)}${clockOf(line)}: the latest.`
+            ? `Step ${line.step}, ${timeWords(line.time, timeUnits)}${clockOf(line)}: the latest.`
             : "No step yet."}
       </p>
     </section>

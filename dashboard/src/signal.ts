@@ -1,7 +1,8 @@
 /** What a sensor measured beside its prediction, over what is imposed: up to the last datum, then the forecast. Pure. */
 import type { ChartSpec, Mark, Series } from "./chart";
 import type { Theme } from "./colour";
-import { axisLabel, given, imposed, imposedScale, scaleFor, significant, words, type Scale } from "./format";
+import { axisLabel, given, imposed, imposedScale, scaleFor, significant, timeWords, words, type Scale } from "./format";
+import { timeLabel } from "./specs";
 import type { QuantityDescription, SignalAnswer } from "./types";
 
 /** A mean with its band. */
@@ -34,8 +35,8 @@ function rises(values: readonly number[]): boolean {
   return values.every((u, i) => i === 0 || u > values[i - 1]!);
 }
 
-export function loadingAxis({ times, loading }: Loaded, timeLabel: string): LoadingAxis {
-  const overTime = { label: timeLabel, at: (t: number) => t, words: (t: number) => `at t = ${given(t)}` };
+export function loadingAxis({ times, loading }: Loaded, timeUnits: string | undefined): LoadingAxis {
+  const overTime = { label: timeLabel, at: (t: number) => t, words: (t: number) => `at ${timeWords(t, timeUnits)}` };
   if (!loading || !rises(loading.values)) return overTime;
   const scale = imposedScale(loading.units, size(loading.values));
   const value = (time: number): number => interpolated(times, loading.values, time);
@@ -97,11 +98,11 @@ function limits(
 export function signalSpec(
   s: SignalAnswer,
   quantities: readonly QuantityDescription[],
-  timeLabel: string,
+  timeUnits: string | undefined,
   theme: Theme,
 ): ChartSpec {
   const { predicted, measured, times } = s;
-  const axis = loadingAxis(s, timeLabel);
+  const axis = loadingAxis(s, timeUnits);
   const up = scaleFor(s.units, size(predicted.mean));
   const format = (v: number): string => `${significant(v, 4)}${up.units ? ` ${up.units}` : ""}`;
   const scaled = (v: readonly number[]): number[] => v.map((x) => x * up.factor);

@@ -3,7 +3,7 @@ import { useMemo } from "preact/hooks";
 import type { PlotProps } from "./plot_panels";
 import { ChartsPanel } from "./plot_panels";
 import { signalSpec } from "./signal";
-import { quantitiesIn, timeLabel } from "./specs";
+import { quantitiesIn } from "./specs";
 import type { Detail } from "./store";
 import type { Model, SignalAnswer } from "./types";
 
@@ -42,7 +42,7 @@ export function SignalPanel({ signal, wanted, want, plots }: Props) {
   const choices = useMemo(() => signalsOf(model), [model]);
   const s = signal.value;
   const specs = useMemo(
-    () => (s ? [{ ...signalSpec(s, quantitiesIn(model, line), timeLabel, theme), height: panelHeight }] : []),
+    () => (s ? [{ ...signalSpec(s, quantitiesIn(model, line), model?.time?.units, theme), height: panelHeight }] : []),
     [s, model, theme],
   );
   if (choices.length === 0) return null;

@@ -13,6 +13,7 @@ import {
   scaleFor,
   significant,
   timeOfDay,
+  timeWords,
   withSpread,
   words,
   type Scale,
@@ -25,7 +26,7 @@ export const timeLabel = "model time t [–]";
 
 /** The same plot where the solver's time has a unit. */
 export function inTimeUnits(spec: ChartSpec, units: string | undefined): ChartSpec {
-  const label = prettyUnits(units) ? axisLabel("model time t", prettyUnits(units)) : timeLabel;
+  const label = axisLabel("model time t", prettyUnits(units) || "–");
   const said = (words: string): string => (words === timeLabel ? label : words);
   return { ...spec, xLabel: said(spec.xLabel), yLabel: said(spec.yLabel) };
 }
@@ -275,8 +276,8 @@ export function quantityWords(q: QuantityDescription): string {
 }
 
 /** In units of the loading where they are known: "0.12 mm", "t = 0.3". */
-function horizonWords({ horizon, loading }: QuantityDescription): string {
-  if (!loading) return `t = ${given(horizon ?? NaN)}`;
+function horizonWords({ horizon, loading, time_units }: QuantityDescription): string {
+  if (!loading) return timeWords(horizon ?? NaN, time_units);
   return imposed(loading.value, loading.units);
 }
 

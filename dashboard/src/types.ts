@@ -85,6 +85,8 @@ export interface QuantityDescription {
   output?: string;
   units?: string;
   horizon?: number;
+  /** Of the horizon, where the solver states one. */
+  time_units?: string;
   /** What is imposed at the horizon. */
   loading?: { value: number; units: string };
   threshold?: number;

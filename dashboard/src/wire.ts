@@ -27,7 +27,8 @@ export function asModel(value: unknown): Model | undefined {
       isNumbers(prior.levels) && isNumbers(prior.values) ? { levels: prior.levels, values: prior.values } : {};
     return { ...(p as { name: string }), name: String(p.name), ...known };
   });
-  const quantities = list(value.forecasts).map((f) => ({ ...f, name: String(f.name) }));
+  const time = isObject(value.time) && typeof value.time.units === "string" ? { time_units: value.time.units } : {};
+  const quantities = list(value.forecasts).map((f) => ({ ...f, name: String(f.name), ...time }));
   return { ...(value as Partial<Model>), parameters, quantities };
 }
 

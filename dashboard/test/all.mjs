@@ -1,5 +1,6 @@
 // Types, the committed page, unit tests in node, then the page in headless Chromium. `node test/all.mjs unit|page|service|reports` runs a part;
-// `service`, the page on the real program, and `reports`, only when asked for by name: they need KNOTHE and KNOTHE_PROJECT, KNOTHE_REPORTS.
+// `service`, the page on the real program, `reports` and `manual` only when asked for by name: they need KNOTHE and KNOTHE_PROJECT, KNOTHE_REPORTS,
+// KNOTHE_MANUAL.
 import { spawnSync } from "node:child_process";
 import { existsSync, readdirSync, rmSync } from "node:fs";
 import { dirname, join } from "node:path";

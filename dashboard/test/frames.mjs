@@ -2,7 +2,7 @@
 import { mkdirSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
-import { MockService, Recording } from "../mock/server.mjs";
+import { MockService, Recording, verdict } from "../mock/server.mjs";
 import { launch, until } from "./browser.mjs";
 
 const images = join(dirname(fileURLToPath(import.meta.url)), "../../docs/images");
@@ -23,6 +23,9 @@ const frames = [
     name: "dashboard-phone",
     start: 60,
     look: { viewport: { width: 390, height: 806 }, isMobile: true, hasTouch: true },
+    recorded: (line) => {
+      if (line.step > 60) line.verdict = verdict("reject", "fit", "the data do not fit the model: the misfit grows");
+    },
     async go(_page, service) {
       service.say("BIASED", "the last datum does not fit the model: χ² 212 with 58 values");
     },
@@ -30,8 +33,10 @@ const frames = [
 ];
 
 const browser = await launch();
-for (const { name, start, look, go } of frames) {
-  const service = await new MockService(new Recording().scenario(), { rate: 0, start, period: 600 }).listen();
+for (const { name, start, look, recorded, go } of frames) {
+  const recording = new Recording().scenario();
+  if (recorded) recording.lines.forEach(recorded);
+  const service = await new MockService(recording, { rate: 0, start, period: 600 }).listen();
   const context = await browser.newContext(look);
   const page = await context.newPage();
   await page.goto(service.url);

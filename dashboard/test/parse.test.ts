@@ -128,6 +128,7 @@ test("an acknowledged alarm, and the logbook", () => {
   assert.deepEqual(asEntry({ ...entry, more: 1 }), entry);
   assert.equal(asEntry({ number: 1, kind: "note" }), undefined);
   assert.equal(entryWords(entry), "sensor 3 switched off from t = 0.5 on: loose");
+  assert.equal(entryWords(entry, "s"), "sensor 3 switched off from t = 0.5 s on: loose");
   assert.equal(entryWords({ ...entry, kind: "note" }), "loose");
 });
 

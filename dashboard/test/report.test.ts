@@ -451,7 +451,7 @@ test("an alarm is marked where it begins", () => {
 
 test("the specimen: sensors at their places, the shape of the step looked at, values under the cursor", () => {
   const spec = mesh("specimen", 15);
-  assert.match(spec.label, /t = 0\.200/);
+  assert.match(spec.label, /t = 0\.2$/);
   near(rangeOfMesh(spec)[1], Math.hypot(1e-4, 2e-4));
   const drawing = meshSvg(spec, light);
   assert.equal(drawing.match(/class="sensor"/g)!.length, 2);
@@ -589,6 +589,8 @@ test("axes of time have the solver's unit where it states one", () => {
   const timed = { ...whole, time_units: "s" };
   for (const figure of ["parameter:0", "forecast:crack", "residuals", "information", "timing"])
     assert.equal(chart(figure, timed).xLabel, "model time t [s]", figure);
+  const place = content("specimen", timed);
+  assert.ok("mesh" in place && place.mesh.label.endsWith("t = 0.2 s"), "mesh" in place ? place.mesh.label : "");
   // What is over something else stays so.
   assert.equal(chart("load", timed).xLabel, chart("load").xLabel);
   assert.equal(chart("parameter:0", { ...whole, time_units: "1" }).xLabel, "model time t [–]");
@@ -613,6 +615,32 @@ test("an inference is drawn in the units that its model states", () => {
     chart("marginal:1", { ...inference, content } as never).xLabel,
     "b [unit of the project file]",
     "not known is not none",
+  );
+});
+
+test("what was observed is drawn beside its prediction; values of several kinds as residuals alone", () => {
+  const of = (observations: object): ChartSpec[] => {
+    const figures = { ...inference.content.figures, observations };
+    const drawn = content("observations", { ...inference, content: { ...inference.content, figures } } as never);
+    assert.ok("charts" in drawn);
+    return drawn.charts;
+  };
+  const residual = [0.5, -1];
+  const [values, residuals] = of({ residual, measured: [1.1, 2], predicted: [1, 2.4], std: [0.2, 0.4] });
+  const [low, high, predicted, measured] = values!.series;
+  near(low!.values[1]!, 2.4 - 1.96 * 0.4);
+  near(high!.values[1]!, 2.4 + 1.96 * 0.4);
+  assert.deepEqual(
+    [predicted!, measured!].map((s) => [s.label, s.values]),
+    [
+      ["predicted", [1, 2.4]],
+      ["measured", [1.1, 2]],
+    ],
+  );
+  assert.deepEqual(residuals!.series[0]!.values, residual);
+  assert.deepEqual(
+    of({ residual }).map((spec) => spec.yLabel),
+    ["standardised residual [σ]"],
   );
 });
 

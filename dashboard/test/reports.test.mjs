@@ -132,18 +132,19 @@ async function fitsOnPaper(page, name) {
   assert.ok(pages <= most, `${pages} pages, more than ${most}`);
 }
 
-/** First screen: the result, the specimen, a measured signal, the load curve, the parameters; and the slider moves what is drawn. */
-async function firstScreenAndSlider(page) {
-  for (const place of [
-    ".result .word",
-    '[data-figure="specimen"] svg',
-    '[data-figure="measured:0"] canvas',
-    '[data-figure="load"] canvas',
-    ".tables table tbody tr",
-  ]) {
+/** What the first screen has: the result, what was measured, what was found, the parameters. */
+const firstScreens = {
+  assimilation: ['[data-figure="specimen"] svg', '[data-figure="measured:0"] canvas', '[data-figure="load"] canvas'],
+  inference: ['[data-figure="observations"] canvas', '[data-figure="pairs"] svg'],
+};
+async function firstScreen(page, kind) {
+  for (const place of [".result .word", ...firstScreens[kind], ".tables table tbody tr"]) {
     const { y, height } = await page.locator(place).first().boundingBox();
     assert.ok(y >= 0 && y + height <= screen.height, `${place} ends at ${y + height}`);
   }
+}
+
+async function sliderMovesTheShape(page) {
   // The shape of the specimen is that of another time.
   const shape = () => page.locator('[data-figure="specimen"] .mesh').innerHTML();
   const last = await shape();
@@ -178,14 +179,15 @@ async function rejectedIsStruck(page) {
 
 for (const report of reports) {
   const name = basename(report) === "index.html" ? basename(dirname(report)) : basename(report, ".html");
-  const isAssimilation = readFileSync(report, "utf8").includes('{"kind":"assimilation"');
+  const kind = /\{"kind":"(\w+)"/.exec(readFileSync(report, "utf8"))[1];
 
   // Opening and drawing a report takes most of the time: what can be seen on one page is.
   test(`${name}, light`, async (t) => {
     const { page, context, complaints } = await open(report, { colorScheme: "light" });
     await drawn(page);
     await t.test("every figure is drawn", () => figuresAreDrawn(page, name, "light"));
-    if (isAssimilation) await t.test("first screen, and the slider", () => firstScreenAndSlider(page));
+    if (firstScreens[kind]) await t.test("first screen", () => firstScreen(page, kind));
+    if (kind === "assimilation") await t.test("the slider", () => sliderMovesTheShape(page));
     if (await page.locator("html.rejected").count())
       await t.test("nothing rejected looks usable", () => rejectedIsStruck(page));
     await t.test("figures are numbered, and saved as SVG, PNG and CSV", () => figuresAreNumberedAndSaved(page));

@@ -20,8 +20,7 @@ const quantities = [
   { name: "load", quantity: "output", output: "reaction_force", horizon: 0.7, threshold: 1200 },
   { name: "crack", horizon: 0.7, threshold: 0.04 },
 ];
-const specOf = (more: Partial<SignalAnswer> = {}) =>
-  signalSpec({ ...force, ...more }, quantities, "time", theme(false));
+const specOf = (more: Partial<SignalAnswer> = {}) => signalSpec({ ...force, ...more }, quantities, "s", theme(false));
 const valuesOf = (spec: ReturnType<typeof specOf>, label: string) => spec.series.find((s) => s.label === label)?.values;
 
 test("a force over the stroke: measured, predicted, forecast; threshold and horizon in units of the loading", () => {
@@ -58,6 +57,7 @@ test("a horizon in units of the loading, which a test that unloads does not have
   const horizon = { name: "crack", horizon: 0.3, loading: { value: 1.2e-4, units: "m" } };
   assert.equal(quantityWords(horizon), "crack at 0.12 mm");
   assert.equal(quantityWords({ name: "crack", horizon: 0.3 }), "crack at t = 0.3");
+  assert.equal(quantityWords({ name: "steel", horizon: 3600, time_units: "s" }), "steel at t = 3600 s");
   assert.equal(imposed(0.120004e-3, "m"), "0.12 mm"); // as the console has it
   assert.deepEqual(
     [8e-6, 5000, 2e4].map((x, i) => imposed(x, i ? "N" : "m")),
@@ -78,9 +78,9 @@ test("a parameter in its unit, as large as its prior", () => {
 test("without a loading, or where it unloads, over time", () => {
   for (const loading of [undefined, { ...force.loading!, values: [1e-4, 2e-4, 1e-4, 4e-4] }]) {
     const { loading: _, ...rest } = force;
-    const spec = signalSpec(loading ? { ...rest, loading } : rest, quantities, "time", theme(false));
-    assert.deepEqual([spec.xLabel, spec.times], ["time", force.times]);
-    assert.equal(spec.vertical![1]!.label, "horizon at t = 0.7");
+    const spec = signalSpec(loading ? { ...rest, loading } : rest, quantities, "s", theme(false));
+    assert.deepEqual([spec.xLabel, spec.times], ["model time t [–]", force.times]);
+    assert.equal(spec.vertical![1]!.label, "horizon at t = 0.7 s");
   }
   const whole = specOf({ step: 3, time: 1 });
   assert.equal(valuesOf(whole, "forecast"), undefined);

@@ -42,6 +42,6 @@ def solve(k1, damping):
 
 if __name__ == "__main__":
     with open("storeys.csv", "w") as file:
-        file.write("time,acceleration_1 [m/s2],acceleration_2 [m/s2],drift [mm]\n")
+        file.write("time [s],acceleration_1 [m/s2],acceleration_2 [m/s2],drift [mm]\n")
         for time, first, second, drift in solve(float(sys.argv[1]), float(sys.argv[2])):
             file.write(f"{time:.2f},{first!r},{second!r},{1e3 * drift!r}\n")

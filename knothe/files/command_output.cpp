@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "knothe/base/console.hpp"
 #include "knothe/files/json_line.hpp"
 
 namespace knothe::files {
@@ -26,7 +27,7 @@ void CommandOutput::record(const nlohmann::ordered_json& record) const {
 }
 
 void CommandOutput::text(std::string_view text) const {
-  if (!json_) print(text);
+  if (!json_) print(for_people(std::string(text), stdout, 4));
 }
 
 }  // namespace knothe::files

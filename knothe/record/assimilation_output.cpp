@@ -173,7 +173,7 @@ void AssimilationOutput::tell_largest_shift() const {
 }
 
 void AssimilationOutput::finish(double elapsed_s, const std::string& results_folder,
-                                const std::optional<model::Loading>& loading) {
+                                const model::Loading& loading) {
   if (json_) {
     const nlohmann::ordered_json last = {{"done", true},
                                          {"steps", shown_},

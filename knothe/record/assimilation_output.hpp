@@ -33,8 +33,7 @@ class AssimilationOutput {
   /// What errors of the inputs would do to the last posterior.
   void report_input_errors(std::vector<assimilation::InputShift> shifts) { shifts_ = std::move(shifts); }
   /// All steps are done; `loading` names the horizons of the forecasts.
-  void finish(double elapsed_s, const std::string& results_folder,
-              const std::optional<model::Loading>& loading);
+  void finish(double elapsed_s, const std::string& results_folder, const model::Loading& loading);
   [[nodiscard]] assimilation::Verdict verdict() const { return run_.verdict(); }  ///< of the steps so far
   [[nodiscard]] std::size_t shown() const { return shown_; }
 

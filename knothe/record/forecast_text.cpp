@@ -67,13 +67,13 @@ std::string probability_text(double probability) {
   return fmt::format("{:.3g} %", 100 * probability);
 }
 
-std::string horizon_text(double horizon, const std::optional<model::Loading>& loading) {
-  const std::optional<double> imposed = loading ? loading->at(horizon) : std::nullopt;
-  return imposed ? given_text(*imposed, loading->units) : "time " + plain(horizon);
+std::string horizon_text(double horizon, const model::Loading& loading) {
+  if (const auto imposed = loading.at(horizon)) return given_text(*imposed, loading.units);
+  return "time " + given_text(horizon, loading.time_units);
 }
 
-std::string forecast_text(const assimilation::NamedForecast& named,
-                          const std::optional<model::Loading>& loading, const Precision& precision) {
+std::string forecast_text(const assimilation::NamedForecast& named, const model::Loading& loading,
+                          const Precision& precision) {
   const assimilation::ScalarForecast& f = named.forecast;
   const double std = precision.of_forecast(f.std);
   const auto [factor, unit] = readable_unit(std::max(std::abs(f.mean), f.std), named.units);

@@ -46,14 +46,14 @@ class Precision {
 /// "12.3 %", "< 0.1 %", "> 99.9 %": of samples, none of them above does not mean never.
 [[nodiscard]] std::string probability_text(double probability);
 
-/// "0.12 mm", of what is imposed, where that is known and rises; else "time 0.3".
-[[nodiscard]] std::string horizon_text(double horizon, const std::optional<model::Loading>& loading);
+/// "0.12 mm", of what is imposed, where that is known and rises; else "time 0.3", with its unit where there
+/// is one.
+[[nodiscard]] std::string horizon_text(double horizon, const model::Loading& loading);
 
 /// A forecast with its horizon, its 95 % interval, and the probabilities on either side of its threshold; of
 /// what is rejected the value alone.
 [[nodiscard]] std::string forecast_text(const assimilation::NamedForecast& forecast,
-                                        const std::optional<model::Loading>& loading,
-                                        const Precision& precision = {});
+                                        const model::Loading& loading, const Precision& precision = {});
 
 /// "load to 0.124 mm", "hold", "stop".
 [[nodiscard]] std::string action_text(const assimilation::Decision& decision);

@@ -39,7 +39,7 @@ TEST(ForecastText, SaysHorizonThresholdAndBothProbabilities) {
   tip.forecast.mean = -4.012e-4, tip.forecast.std = 1.23e-6, tip.forecast.maximum_a_posteriori = -4.01e-4;
   tip.forecast.values = {-4.036e-4, -4.02e-4, -4.012e-4, -4.004e-4, -3.988e-4};
   tip.forecast.probability_above_threshold = 1;
-  EXPECT_EQ(forecast_text(tip, std::nullopt),
+  EXPECT_EQ(forecast_text(tip, model::Loading{}),
             "tip at time 0.3: −0.4012 ± 0.0012 mm, most probable −0.4010, 95 % in [−0.4036, −0.3988]; "
             "threshold −0.5 mm: P(above) > 99.9 %, P(below) < 0.1 %");
   tip.threshold_stated = false;
@@ -61,12 +61,12 @@ TEST(ForecastText, AVerdictLeavesAsManyDigitsAsTheWholeUncertainty) {
   tip.forecast.mean = 0.0425804, tip.forecast.std = 2.1e-7, tip.forecast.maximum_a_posteriori = 0.0425804;
   tip.forecast.values = {0.04258, 0.042580, 0.0425804, 0.042581, 0.0425809};
   tip.forecast.probability_above_threshold = 1;
-  EXPECT_EQ(forecast_text(tip, std::nullopt, caution),
+  EXPECT_EQ(forecast_text(tip, model::Loading{}, caution),
             "tip at time 0.3: 42.58040 ± 0.00055 mm, most probable 42.58040, 95 % in [42.58000, 42.58090]; "
             "threshold 40 mm: P(above) > 99.9 %, P(below) < 0.1 %");
   // Of what is rejected, no ± of a millionth and no probability that looks certain.
   verdict.level = assimilation::VerdictLevel::reject;
-  EXPECT_EQ(forecast_text(tip, std::nullopt, Precision(verdict)), "tip at time 0.3: 43 mm (do not use)");
+  EXPECT_EQ(forecast_text(tip, model::Loading{}, Precision(verdict)), "tip at time 0.3: 43 mm (do not use)");
   EXPECT_EQ(value_text(1.4999989, 1.1e-6, "1", Precision(verdict)), "1.5");
   EXPECT_EQ(value_text(836.913, 0.014, "N", Precision(verdict)), "840 N");
 }
@@ -79,7 +79,8 @@ TEST(ForecastText, HorizonsAreInUnitsOfWhatIsImposedWhereThatRises) {
   EXPECT_EQ(horizon_text(2.5, force), "time 2.5");
   EXPECT_EQ(horizon_text(-1, force), "time −1");
   EXPECT_EQ(horizon_text(0.5, model::Loading{"force", "N", {0, 1, 2}, {0, 300, 300}}), "time 0.5");
-  EXPECT_EQ(horizon_text(0.5, std::nullopt), "time 0.5");
+  EXPECT_EQ(horizon_text(0.5, model::Loading{}), "time 0.5");
+  EXPECT_EQ(horizon_text(3600, model::Loading{{}, {}, {0, 3600}, {}, "s"}), "time 3600 s");
 }
 
 TEST(PhysicalParameters, UnitsAreThoseOfTheReferenceValue) {

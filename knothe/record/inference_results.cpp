@@ -24,6 +24,7 @@ using assimilation::InferenceResult;
 constexpr const char* k_map_file = "map.h5";
 constexpr Eigen::Index k_parts_of_draws = 4;  ///< as chains, where draws are independent: r̂ compares chains
 constexpr Eigen::Index k_shown_draws = 700;   ///< in the report's figures
+constexpr Eigen::Index k_max_observations = 10000;  ///< more are not drawn
 
 Json columns_of(const Eigen::MatrixXd& m) {
   return rows_of(m.transpose());
@@ -47,9 +48,26 @@ Eigen::MatrixXd some_of(const Eigen::MatrixXd& draws) {
   return draws(Eigen::seqN(0, n, std::max<Eigen::Index>(1, draws.rows() / n)), Eigen::all);
 }
 
+/// The observations beside their prediction at the most probable parameters: the residuals in standard
+/// deviations of the measurement; values where all of them are of one kind, as those of [observations].
+Json observations_of(const assimilation::Observations& observations, const Eigen::VectorXd& predicted,
+                     bool of_one_kind) {
+  const Eigen::VectorXd std = observations.noise.measurement_std();
+  Json record = {{"residual", to_json((observations.values - predicted).cwiseQuotient(std))}};
+  if (of_one_kind)
+    record.update({{"measured", to_json(observations.values)},
+                   {"predicted", to_json(predicted)},
+                   {"std", to_json(std)}});
+  return record;
+}
+
 /// What the page of `knothe report` draws.
-Json figures_of(const project::InferenceSetup& setup, const InferenceResult& r) {
+Json figures_of(const project::Project& project, const project::InferenceSetup& setup,
+                const InferenceResult& r) {
   Json figures;
+  if (r.predicted.size() > 0 && r.predicted.size() <= k_max_observations)
+    figures["observations"] =
+        observations_of(*setup.observations, r.predicted, project.observations.has_value());
   figures["posterior"] = marginals_of(r.points, r.weights, setup.priors);
   if (setup.observations) {
     for (const posterior::Prior& prior : setup.priors)
@@ -203,7 +221,7 @@ void write_inference(const std::string& folder, const project::Project& project,
   for (const assimilation::PhaseTime& phase : r.phases)
     content["phases"].push_back(
         {{"name", phase.name}, {"seconds", phase.seconds}, {"model_seconds", phase.model_seconds}});
-  content["figures"] = figures_of(setup, r);
+  content["figures"] = figures_of(project, setup, r);
   files::write_text_atomically((std::filesystem::path(folder) / "inference.json").string(),
                                files::json_line(content) + "\n");
 }

@@ -28,6 +28,7 @@ nlohmann::ordered_json model_record(const model::SeparatedModel& model) {
                                  {"dofs", model.dof_count()},
                                  {"steps", model.step_count()},
                                  {"time", {c.time.front(), c.time.back()}}};
+  if (!c.time_units.empty()) info["time_units"] = c.time_units;
   for (const model::Axis& axis : c.axes) {
     info["parameters"].push_back({{"name", axis.name},
                                   {"lower", axis.nodes.front()},

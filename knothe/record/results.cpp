@@ -214,6 +214,7 @@ void read_summary(const std::string& path, Results& results) {
   if (const std::string from_here = summary.text_or("model_path"); !from_here.empty())
     results.model_path = std::filesystem::path(path).parent_path() / from_here;
   results.data = summary.text_or("data");
+  results.time_units = summary.text_or("time_units");
   results.seed = summary.text_or("seed");
   results.elapsed_s = summary.optional_number("elapsed_s");
   read_parameters(summary, results);

@@ -108,6 +108,7 @@ struct Results {
   std::vector<ParameterSummary> parameters;
   std::map<std::string, DensityCurve> prior_marginals;
   std::map<std::string, ForecastSummary> forecasts;  ///< by name; may be empty
+  std::string time_units;            ///< of the model's time; empty where the solver states none
   std::vector<double> curve_time;    ///< model times of the load–displacement curve; may be empty
   std::vector<double> displacement;  ///< m, of the load–displacement curve; may be empty
   std::vector<double> force;         ///< N

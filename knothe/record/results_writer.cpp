@@ -287,6 +287,7 @@ void ResultsWriter::write_summary(const std::string& path, double elapsed_s) con
     entry["unit"] = assimilation::forecast_units(model_.contents(), f);
     if (!f.output.empty()) entry["output"] = f.output;
   }
+  if (const std::string& units = model_.contents().time_units; !units.empty()) summary["time_units"] = units;
   if (!refinement_.is_null()) summary["refinement"] = refinement_;
   for (const assimilation::InputShift& shift : input_shifts_)
     summary["input_errors"].push_back({{"input", shift.name},

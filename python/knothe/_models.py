@@ -368,7 +368,7 @@ def _check_order(function: Callable[..., Any], names: Sequence[str]) -> None:
 def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike | Axis], time: ArrayLike,
             output: "str | os.PathLike[str]", *, points: ArrayLike | None = None,
             components: str | int | Sequence[str | int] = "y", quantities: Mapping[str, str] | None = None,
-            outputs: Mapping[str, str] | None = None, units: str = "m", form: str = "tree", modes: int = 0,
+            outputs: Mapping[str, str] | None = None, units: str = "m", time_units: str = "", form: str = "tree", modes: int = 0,
             tolerance: float | None = None, snapshots: "str | os.PathLike[str] | None" = None,
             progress: Callable[[int, int], object] | None = None) -> Model:
     """Makes a reduced model of your own solver: solutions on a grid of parameters, separated.
@@ -385,7 +385,7 @@ def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike | A
         the last. An `Axis` has units too.
     time : array_like, shape (times,)
         Model times, strictly increasing: in s, or a variable that takes the place of time, such as the fraction of the load. The
-        model keeps them as they are and has no other unit of time; data, horizons and forecasts refer to them.
+        model keeps them as they are; data, horizons and forecasts refer to them.
     output : path
         The model's file (HDF5).
     points : array_like, shape (dofs, 3), optional
@@ -398,6 +398,8 @@ def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike | A
         Further results of the solver, one value per time: a reaction force ... Known units are converted to SI too.
     units : str
         Of the field. A displacement in km, cm, mm, um or nm is converted to m.
+    time_units : str
+        Of `time`, as figures and texts say it: ``"s"``; times in ``"min"`` and the like are converted to s. Empty: none.
     form : {"tree", "canonical"}
         Tree: space modes times functions of all parameters; canonical: products of functions of one parameter each.
     modes : int
@@ -465,7 +467,7 @@ def offline(function: Callable[..., Any], parameters: Mapping[str, ArrayLike | A
     _check_order(function, list(axes))
     values, further = _solutions(function, axes, times, list(outputs or ()), progress)
     places = Sensors(np.zeros((0, 3)) if points is None else points, [] if points is None else components)
-    parts = {"axes": labelled, "time": list(times), "values": values,
+    parts = {"axes": labelled, "time": list(times), "time_units": time_units, "values": values,
              "units": units, "long_name": "displacement" if points is not None else "field", "points": places.points,
              "components": places.components, "quantities": list((quantities or {}).items()),
              "outputs": [(name, unit, further[name]) for name, unit in (outputs or {}).items()]}

@@ -13,6 +13,11 @@ _PREFIXED = ("Pa", "N", "J", "W", "Hz", "V")
 _LOOKS = {"ok": "", "caution": ";color:#6b7280", "reject": ";color:#6b7280;text-decoration:line-through"}
 
 
+def pretty_units(units: str) -> str:
+    """``N/m3`` as ``N/m³``; empty of a pure number."""
+    return "" if units == "1" else re.sub(r"(?<=[A-Za-z])[23]", lambda power: "²³"[int(power[0]) - 2], units)
+
+
 def readable_units(size: float, units: str) -> tuple[float, str]:
     """Factor and unit for a quantity of this size: metres in mm or µm, large forces in kN."""
     if units in ("", "1"):
@@ -20,7 +25,7 @@ def readable_units(size: float, units: str) -> tuple[float, str]:
     if units == "m":
         return (1e6, "µm") if size < 1e-5 else (1e3, "mm")
     if size < 1e4 or units.split()[0].split("/")[0] not in _PREFIXED:
-        return 1.0, re.sub(r"(?<=[A-Za-z])[23]", lambda power: "²³"[int(power[0]) - 2], units)
+        return 1.0, pretty_units(units)
     return (1e-3, f"k{units}") if size < 1e6 else (1e-6, f"M{units}") if size < 1e9 else (1e-9, f"G{units}")
 
 

@@ -117,8 +117,18 @@ class Results:
         record = dict([step for step in self.steps if "mean" in step][-1])
         if isinstance(record.get("verdict"), str):  # of an inference
             record["remark"] = record["verdict"]
+        if "forecast" in record:
+            record["forecast"] = {name: {**each, "at": self._named(each["horizon"])} for name, each in record["forecast"].items()}
         labels = {name: dict(groups["posterior"][name].attrs) for name in self.parameters}
         return Posterior(record, self.parameters, weighted["points"].values, weighted["weights"].values, densities, labels)
+
+    def _named(self, time: float) -> str:
+        """A model time as the report names it: by what is imposed, where that is known and rises."""
+        curve = self.summary.get("load_displacement", {})
+        times, imposed = curve.get("time", []), curve.get("displacement", [])
+        if len(times) and times[0] <= time <= times[-1] and np.all(np.diff(imposed) > 0):
+            return _notebook.given(float(np.interp(time, times, imposed)), "m")
+        return f"time {_notebook.given(time, self.summary.get('time_units', ''))}"
 
     def to_xarray(self) -> "dict[str, xarray.Dataset]":
         """One Dataset for each of ArviZ's groups, read from the file where it is needed.

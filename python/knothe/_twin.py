@@ -144,6 +144,8 @@ class StepResult(OfNative, Posterior):
     step : int
     time : float
         Model time.
+    time_units : str
+        Of the model's time; empty where its solver states none.
     verdict : Verdict
 
     Examples
@@ -160,6 +162,7 @@ class StepResult(OfNative, Posterior):
         self._native = native
         self.step: int = self.record["step"]
         self.time: float = self.record["time"]
+        self.time_units: str = native.time_units()
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_native": _PickledResult(self._native.forecasts_json(), self._native.prior())}

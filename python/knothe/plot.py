@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from statistics import NormalDist
 from typing import TYPE_CHECKING, Any, Union
 
@@ -15,7 +16,7 @@ from knothe._pictures import Correlation
 from knothe._posterior import Posterior
 from knothe._results import Results
 from knothe._models import Model
-from knothe._notebook import readable_units
+from knothe._notebook import pretty_units, readable_units
 from knothe._twin import StepResult, Twin
 from knothe._values import Array
 from knothe.calibration import Calibration
@@ -56,7 +57,7 @@ def _draw_marginal(axes: "Axes", posterior: Posterior, k: int, truth: Mapping[st
     seen = points[density > 1e-4 * density.max()]
     spread = seen[-1] - seen[0]
     axes.set_xlim(max(points[0], seen[0] - 0.3 * spread), min(points[-1], seen[-1] + 0.3 * spread))
-    axes.set_xlabel(name)
+    axes.set_xlabel(_parameter_label(name, posterior._labels.get(name, {})))
 
 
 def _posterior(given: Any) -> Posterior:
@@ -138,6 +139,7 @@ def pair(posterior: "Posterior | Results", *, truth: Mapping[str, float] | None 
     posterior = _posterior(posterior)
     known = _truths(posterior, truth)
     names, d = posterior.parameters, len(posterior.parameters)
+    labels = [_parameter_label(name, posterior._labels.get(name, {})) for name in names]
     shown = posterior.draws(draws)
     rows = _figure(d, d, 2.4 * d + 0.6, 2.4 * d + 0.4)
     for i in range(d):
@@ -150,19 +152,20 @@ def pair(posterior: "Posterior | Results", *, truth: Mapping[str, float] | None 
                 _draw_marginal(each, posterior, i, known)
                 each.set_yticks([])
             else:
-                each.plot(shown[:, j], shown[:, i], ".", color=_BLUE, markersize=3, alpha=0.35, markeredgewidth=0, label="draws")
+                each.plot(shown[:, j], shown[:, i], ".", color=_BLUE, markersize=3, alpha=0.35, markeredgewidth=0)
+                each.plot([], [], ".", color=_BLUE, label="draws")
                 _draw_regions(each, shown[:, j], shown[:, i])
                 if names[j] in known and names[i] in known:
                     each.plot(known[names[j]], known[names[i]], "+", color=_TRUTH, markersize=10, markeredgewidth=2, label="truth")
-            each.set_xlabel(names[j] if i == d - 1 else "")
-            each.set_ylabel(names[i] if j == 0 and i > 0 else "")
+            each.set_xlabel(labels[j] if i == d - 1 else "")
+            each.set_ylabel(labels[i] if j == 0 and i > 0 else "")
     for j in range(d):  # a column has one scale
         for i in range(j + 1, d):
             rows[i][j].set_xlim(rows[j][j].get_xlim())
             rows[i][j].set_ylim(rows[i][i].get_xlim())
     if d > 1:
-        handles, labels = rows[1][0].get_legend_handles_labels()
-        rows[0][d - 1].legend(handles, labels, loc="center", frameon=False)
+        meanings = {label: handle for each in (rows[0][0], rows[1][0]) for handle, label in zip(*each.get_legend_handles_labels())}
+        rows[0][d - 1].legend(list(meanings.values()), list(meanings), loc="center", frameon=False)
     return [list(row) for row in rows]
 
 
@@ -187,26 +190,43 @@ def _draw_regions(axes: "Axes", x: Array, y: Array) -> None:
     axes.plot([], [], color="black", linewidth=0.8, linestyle="--", label="95 %")
 
 
-def _records(steps: Any) -> tuple[list[str], Sequence[Mapping[str, Any]]]:
-    """Names of the parameters, and the lines of the steps."""
+@dataclass(frozen=True)
+class _Steps:
+    """What is drawn over time: the lines of the steps; attributes of each parameter, by name."""
+
+    records: Sequence[Mapping[str, Any]]
+    parameters: Mapping[str, Mapping[str, Any]]
+    time_units: str
+
+    @property
+    def time(self) -> list[float]:
+        return [record["time"] for record in self.records]
+
+    def label_time(self, axes: "Axes") -> None:
+        axes.set_xlabel(_axis_label("model time", self.time_units))
+
+
+def _steps(steps: Any) -> _Steps:
     if isinstance(steps, Posterior):
         raise UsageError(f"{type(steps).__name__}: one posterior has no steps over time; give a Twin, Results or a list of StepResult")
     if isinstance(steps, Twin):
         if not steps.steps:
             raise UsageError("there are no steps to draw: the twin has no data yet")
-        return steps.parameters, [steps.result(step).record for step in steps.steps]
+        return _steps(steps.result(step) for step in steps.steps)
     if isinstance(steps, Results):
         if "time" not in steps.steps[0]:
             raise UsageError(f"{steps.folder}: the results of an inference have no steps over time")
-        return steps.parameters, steps.steps
+        described = {entry["name"]: {**entry, "reference_units": entry.get("units", "")} for entry in steps.summary["parameters"]}
+        return _Steps(steps.steps, described, steps.summary.get("time_units", ""))
     results = list(steps)
     if not results:
         raise UsageError("there are no steps to draw")
-    return results[0].parameters, [result.record for result in results]
+    described = {name: results[0]._labels.get(name, {}) for name in results[0].parameters}
+    return _Steps([result.record for result in results], described, results[0].time_units)
 
 
 def _quantiles(records: Sequence[Mapping[str, Any]], parameters: list[str], what: str) -> tuple[Any, str]:
-    """Quantiles of a parameter or a forecast, steps x levels, and their unit."""
+    """Quantiles of a parameter or a forecast, steps x levels, and the unit of a forecast."""
     if what in parameters:
         k = parameters.index(what)
         return np.array([record["quantiles"]["values"][k] for record in records]), ""
@@ -252,11 +272,10 @@ def fan(steps: Steps, what: str, *, truth: float | None = None, axes: "Axes | No
     >>> knothe.plot.fan(twin, "E", truth=0.9).get_ylabel()
     'E'
     """
-    parameters, records = _records(steps)
-    values, units = _quantiles(records, parameters, what)
+    of = _steps(steps)
+    values, units = _quantiles(of.records, list(of.parameters), what)
     scale, units = readable_units(float(np.abs(values).max()), units)
-    values = scale * values
-    time = [record["time"] for record in records]
+    values, time = scale * values, of.time
     drawn = _figure(1, 1, 5.5, 3)[0][0] if axes is None else axes
     marker = "." if len(time) < 30 else None
     drawn.fill_between(time, values[:, 0], values[:, -1], color=_BLUE, alpha=0.18, linewidth=0, label="95 %")
@@ -264,10 +283,10 @@ def fan(steps: Steps, what: str, *, truth: float | None = None, axes: "Axes | No
     drawn.plot(time, values[:, values.shape[1] // 2], color=_BLUE, marker=marker, label="median")
     if truth is not None:
         drawn.axhline(scale * truth, color=_TRUTH, linewidth=1, label="truth")
-    if what not in parameters:
-        _draw_limits(drawn, records[-1]["forecast"][what], scale)
-    drawn.set_xlabel("model time")
-    drawn.set_ylabel(f"{what} [{units}]" if units else what)
+    if what not in of.parameters:
+        _draw_limits(drawn, of.records[-1]["forecast"][what], scale)
+    of.label_time(drawn)
+    drawn.set_ylabel(_parameter_label(what, of.parameters[what]) if what in of.parameters else _axis_label(what, units))
     drawn.legend(frameon=False)
     return drawn
 
@@ -296,10 +315,10 @@ def verdict(steps: Steps, *, axes: "Axes | None" = None) -> "Axes":
     >>> knothe.plot.verdict(twin).get_ylabel()
     'probability of such a misfit'
     """
-    _, records = _records(steps)
-    time = np.array([record["time"] for record in records])
-    levels = [record["verdict"]["level"] for record in records]
-    probability = np.maximum([record["verdict"]["fit_probability"] for record in records], 1e-12)
+    of = _steps(steps)
+    time = np.array(of.time)
+    levels = [record["verdict"]["level"] for record in of.records]
+    probability = np.maximum([record["verdict"]["fit_probability"] for record in of.records], 1e-12)
     drawn = _figure(1, 1, 5.5, 3)[0][0] if axes is None else axes
     middle = 0.5 * (time[1:] + time[:-1])
     edges = np.concatenate([time[:1], middle, time[-1:]])
@@ -311,7 +330,7 @@ def verdict(steps: Steps, *, axes: "Axes | None" = None) -> "Axes":
     drawn.plot(time, probability, color="black", marker="." if len(time) < 30 else None)
     drawn.set_yscale("log")
     drawn.set_ylim(min(1e-3, 0.5 * probability.min()), 1.5)
-    drawn.set_xlabel("model time")
+    of.label_time(drawn)
     drawn.set_ylabel("probability of such a misfit")
     drawn.legend(frameon=False, title="verdict")
     return drawn
@@ -465,7 +484,8 @@ def load_displacement(results: "Results | Posterior", model: Model, *, output: s
     forces = model.output(output, posterior.draws(draws)[:, order])
     steps = len(model.times)
     imposed = model.output(over, posterior.mean[order]) if over in known["outputs"] else model.times
-    across, across_unit = readable_units(float(np.max(abs(imposed))), known["output_units"].get(over, "")) if over in known["outputs"] else (1, "")
+    across, across_unit = readable_units(float(np.max(abs(imposed))), known["output_units"].get(over, "") if over in known["outputs"]
+                                         else known.get("time_units", ""))
     up, up_unit = readable_units(float(np.max(abs(forces))), known["output_units"][output])
     x = across * imposed
     low, middle, high = up * np.quantile(forces, [0.025, 0.5, 0.975], axis=0)
@@ -478,15 +498,20 @@ def load_displacement(results: "Results | Posterior", model: Model, *, output: s
         drawn.axvline(x[last], color=_GREY, linewidth=1, linestyle=":", label="last datum")
     if isinstance(results, Results):
         _draw_measured(drawn, results, output, model.times, x, up)
-    drawn.set_xlabel(_axis_label(over if over in known["outputs"] else "model time", across_unit))
-    drawn.set_ylabel(_axis_label(output, up_unit))
+    drawn.set_xlabel(_axis_label(over.replace("_", " ") if over in known["outputs"] else "model time", across_unit))
+    drawn.set_ylabel(_axis_label(output.replace("_", " "), up_unit))
     drawn.legend(frameon=False)
     return drawn
 
 
 def _axis_label(name: str, unit: str) -> str:
-    words = name.replace("_", " ")
-    return f"{words} [{unit}]" if unit else words
+    return f"{name} [{unit}]" if unit else name
+
+
+def _parameter_label(name: str, known: Mapping[str, Any]) -> str:
+    """``k1 [N/m]``; of a multiple of a reference ``Y0 (1 = 216 J/m³)``."""
+    unit, reference = pretty_units(str(known.get("reference_units", ""))), float(known.get("reference", 1))
+    return f"{name} (1 = {reference:.4g} {unit})" if unit and reference != 1 else _axis_label(name, unit)
 
 
 def _draw_measured(axes: "Axes", results: Results, output: str, times: Array, x: Array, scale: float) -> None:

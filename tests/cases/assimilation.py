@@ -60,6 +60,13 @@ class Test(Case):
         for environment in ({"NO_COLOR": "1"}, {"TERM": "dumb"}):
             self.assertNotIn("\033[1;", self.on_terminal(8, "assimilate", self.project_name, **environment))
 
+    def test_on_a_terminal_no_command_says_longer_lines_than_people_read(self):
+        self.expect(0, "assimilate", self.project_name)
+        for command in (("check", self.project_name), ("select", self.project_name, "-o", "chosen"), ("model", "info", "model.h5"),
+                        ("forecast", self.project_name), ("infer", self.project_name, "-o", "one"), ("report", "results", "-o", "report.html")):
+            for line in re.sub("\033\\[[0-9;]*[mK]", "", self.on_terminal(0, *command)).replace("\r", "\n").split("\n"):
+                self.assertLessEqual(len(line), 100, f"{command}: {line}")
+
     def test_each_line_has_the_keys_and_shapes_of_the_interface(self):
         lines = self.assimilate()
         self.assertEqual([line["step"] for line in lines], list(range(12)))

@@ -18,6 +18,7 @@ import subprocess
 import sys
 import unittest
 
+from dashboard import run_part
 from support import KNOTHE, REPOSITORY, Case, exit_status, python_with
 
 DOCS = REPOSITORY / "docs"
@@ -149,6 +150,7 @@ class Test(Case):
         self.assertTrue(re.search(r"<svg [^>]*role=\"img\"", equations), "equations are not drawn")
         self.assertFalse(re.search(r"Math Processing Error|class=\"merror", equations), "an equation is wrong")
         self.assertEqual(asked + asked_too, [])
+        run_part(self, "manual", KNOTHE_MANUAL=str(html))
 
     def test_changelog_and_citation_have_the_version_of_the_program(self):
         version = self.expect(0, "--version").out.split()[1]

@@ -268,6 +268,36 @@ class Test(CaseInItsFolder):
                 self.assertEqual([reason.message.split(":")[0] for reason in result.verdict.reasons], ["E cannot be told apart from F"])
                 self.assertIn("add a sensor that tells them apart (a force beside displacements), or give E as known", result.verdict.reasons[0].message)
 
+    def test_times_have_the_unit_that_is_stated(self):
+        t = np.array([1.0, 2.0, 3.0])
+        model = knothe.offline(lambda k: 1e-3 * np.outer(t, [1 / k]), {"k": np.linspace(0.5, 1.5, 5)}, t, "timed.h5", points=[[0, 0, 0]],
+                               time_units="min")
+        self.assertEqual((model.info["time_units"], list(model.times)), ("s", [60, 120, 180]))
+        tip = {"quantity": "displacement", "point": [0, 0, 0], "component": "y", "horizon": 180.0}
+        twin = knothe.Twin(model=model, sensors=knothe.Sensors([[0, 0, 0]], "y"), std=1e-5, parameters={"k": knothe.Normal(1, 0.2)},
+                           forecasts={"tip": tip})
+        result = twin.assimilate(knothe.Datum(0, [0.9e-3]))
+        self.assertEqual(pickle.loads(pickle.dumps(result)).time_units, "s")
+        self.assertIn("at time 180 s: ", repr(result.forecast["tip"]))
+        (self.folder / "timed.csv").write_text("time,sensor,x,y,z,component,value,std\n60,a,0,0,0,y,0.9e-3,1e-5\n120,a,0,0,0,y,1.8e-3,1e-5\n")
+        (self.folder / "timed.toml").write_text('model = "timed.h5"\ndata = "timed.csv"\nresults = "timed"\n[parameters]\n'
+                                                'k = { prior = "normal", mean = 1, std = 0.2 }\n'
+                                                '[forecast.tip]\nquantity = "displacement"\npoint = [0, 0, 0]\ncomponent = "y"\nhorizon = 180\n')
+        self.assertIn("tip at time 180 s: ", self.expect(0, "assimilate", "timed.toml").out)
+        self.expect(0, "report", "timed", "-o", "timed.html")
+        page = (self.folder / "timed.html").read_text()
+        for words in ("up to model time 120 s", "Tip at time 180 s", '"time_units":"s"'):
+            self.assertIn(words, page)
+        results = knothe.open_results("timed")
+        self.assertIn("time 180 s", results.posterior._repr_html_())
+        try:
+            import matplotlib  # noqa: F401
+        except ImportError:
+            return
+        for steps in (twin, [result], results):
+            self.assertEqual(knothe.plot.fan(steps, "tip").get_xlabel(), "model time [s]")
+        self.assertEqual(knothe.plot.verdict(results).get_xlabel(), "model time [s]")
+
     def test_a_model_of_a_function_is_that_of_the_command(self):
         x, t, nodes = np.linspace(0.2, 1, 5), np.linspace(0.1, 1, 6), np.linspace(0.5, 1.5, 9)
 

@@ -1,5 +1,5 @@
 /** From the record to plots that the live page does not have. Pure. */
-import type { ChartSpec, Series } from "../chart";
+import type { ChartSpec, Mark, Series } from "../chart";
 import type { Theme } from "../colour";
 import { axisLabel, decade, scaleFor, significant } from "../format";
 import { timeline } from "../history";
@@ -57,8 +57,18 @@ export function loadSpec(record: Assimilation, theme: Theme): ChartSpec | undefi
     ...(known ? { measured: { time: known.map(([t]) => t), value: known.map(([, v]) => v) } } : {}),
     loading: { name: "imposed_displacement", units: "m", values: load.displacement },
   };
-  return { ...signalSpec(signal, modelOf(record).quantities, timeLabel, theme), name: "load" };
+  return { ...signalSpec(signal, modelOf(record).quantities, record.time_units, theme), name: "load" };
 }
+
+/** Of residuals in standard deviations. */
+export const withinTwo = (theme: Theme): Mark[] =>
+  [-2, 0, 2].map((v) => ({
+    at: v,
+    label: v > 0 ? "95 % within ±2" : "",
+    colour: theme.faint,
+    dash: v === 0 ? [1, 3] : [6, 4],
+    include: true,
+  }));
 
 /** Residuals in standard deviations of their predictions: 95 % lie within ±2 where only noise is left. */
 export function residualSpec(record: Assimilation, theme: Theme): ChartSpec | undefined {
@@ -70,13 +80,7 @@ export function residualSpec(record: Assimilation, theme: Theme): ChartSpec | un
     series: [{ label: "measured − predicted", values: r.value, colour: theme.blue, dots: true }],
     xLabel: timeLabel,
     yLabel: "standardised residual [σ]",
-    horizontal: [-2, 0, 2].map((v) => ({
-      at: v,
-      label: v > 0 ? "95 % within ±2" : "",
-      colour: theme.faint,
-      dash: v === 0 ? [1, 3] : [6, 4],
-      include: true,
-    })),
+    horizontal: withinTwo(theme),
     height: 250,
   };
 }

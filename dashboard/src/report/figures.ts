@@ -1,7 +1,7 @@
 /** Which drawing a place on the page is for: the names that the program writes into `data-figure`. Pure. */
 import type { ChartSpec } from "../chart";
 import type { Theme } from "../colour";
-import { significant } from "../format";
+import { significant, timeWords } from "../format";
 import { timeline } from "../history";
 import {
   evidenceSpec,
@@ -95,7 +95,7 @@ function specimen(r: Assimilation, chosen: number): Content | undefined {
       value,
       range: [0, value.reduce((a, b) => Math.max(a, b), 0) || 1],
       shift,
-      label: `displacement${by > 1 ? `, drawn ${significant(by, 2)} × larger` : ""}, t = ${significant(field.time ?? time)}`,
+      label: `displacement${by > 1 ? `, drawn ${significant(by, 2)} × larger` : ""}, ${timeWords(field.time ?? time, r.time_units)}`,
       units: "m",
       sensors: moved(sensors, s, shift),
     },

@@ -3,7 +3,7 @@ import { render } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { theme as themeOf } from "../colour";
 import { stepsTable } from "../csv";
-import { given } from "../format";
+import { timeWords } from "../format";
 import { saveText } from "../png";
 import { ThemeButton, useTheme } from "../theme";
 import { bindUnits } from "../unbroken";
@@ -102,7 +102,7 @@ function Controls() {
             onInput={(e) => setChosen(Number(e.currentTarget.value))}
           />
           <span>
-            {frame.label}, t = {given(frame.time)}
+            {frame.label}, {timeWords(frame.time, report.kind === "assimilation" ? report.time_units : undefined)}
             {chosen === last ? " (last)" : ""}
           </span>
         </label>

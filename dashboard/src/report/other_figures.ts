@@ -1,10 +1,11 @@
 /** Figures of the reports that are not of an assimilation. Pure. */
-import type { LegendEntry } from "../chart";
+import type { ChartSpec, LegendEntry } from "../chart";
 import type { Theme } from "../colour";
-import { decade, halfDecade, prettyUnits, scaleFor } from "../format";
+import { decade, halfDecade, prettyUnits, scaleFor, significant } from "../format";
+import { banded } from "../signal";
 import type { StepLine } from "../types";
 import { charts, mostPairs, pairWords, type Content } from "./content";
-import { joined } from "./curves";
+import { joined, withinTwo } from "./curves";
 import { besideSpec, smoothed } from "./densities";
 import type { Compared, Comparison, Density, Inference, InferenceContent, Plain, Selection } from "./record";
 
@@ -81,6 +82,35 @@ function orders(c: InferenceContent, of: string, theme: Theme): Content | undefi
   });
 }
 
+/** What was observed, beside what the most probable parameters predict; and the residuals, which have no unit. */
+function observations(c: InferenceContent, theme: Theme): Content | undefined {
+  const { residual, measured, predicted, std } = c.figures.observations ?? {};
+  if (!residual) return undefined;
+  const times = residual.map((_, i) => i);
+  const shared = { times, xLabel: "number of the observation", counts: true, sync: "" };
+  const edge = (by: number): number[] => predicted!.map((v, i) => v + by * std![i]!);
+  const values: ChartSpec | undefined = measured &&
+    predicted &&
+    std && {
+      ...shared,
+      name: "observations",
+      yLabel: "value [unit of the project file]",
+      series: [
+        ...banded(theme.blue, edge(-1.96), edge(1.96), predicted, ["95 % of the noise", "predicted"], significant),
+        { label: "measured", values: measured, colour: theme.orange, dots: true },
+      ],
+      height: 200,
+    };
+  return charts(values, {
+    ...shared,
+    name: "residuals",
+    yLabel: values ? "residual [σ]" : "standardised residual [σ]",
+    series: [{ label: "measured − predicted", values: residual, colour: theme.orange, dots: true }],
+    horizontal: withinTwo(theme),
+    height: values ? 130 : 280,
+  });
+}
+
 export function inference(r: Inference, name: string, of: string, theme: Theme): Content | undefined {
   const c = r.content;
   const f = c.figures;
@@ -106,6 +136,8 @@ export function inference(r: Inference, name: string, of: string, theme: Theme):
           meaning(c, k),
         ),
       );
+    case "observations":
+      return observations(c, theme);
     case "pairs": {
       const others: LegendEntry[] = f.map_draws
         ? [{ label: "map, not corrected", colour: theme.orange, look: "bar" }]

@@ -131,6 +131,8 @@ export interface InferenceContent {
   figures: {
     posterior: Density[];
     prior?: Density[];
+    /** Beside their prediction at the most probable parameters; the residuals in standard deviations of the noise. */
+    observations?: { residual: number[]; measured?: number[]; predicted?: number[]; std?: number[] };
     draws: number[][];
     map?: Density[];
     map_draws?: number[][];
@@ -327,6 +329,7 @@ export function modelOf(record: Assimilation): Model {
   const quantities = Object.entries(summary.forecasts ?? {}).map(([name, f]): QuantityDescription => ({
     name,
     ...loading(f.horizon),
+    ...(record.time_units === undefined ? {} : { time_units: record.time_units }),
     ...(f.quantity === undefined ? {} : { quantity: f.quantity }),
     ...(f.output === undefined ? {} : { output: f.output }),
     ...(f.unit === undefined ? {} : { units: prettyUnits(f.unit) }),

@@ -323,9 +323,8 @@ void Decider::explain(std::size_t now, const std::vector<double>& risk, Decision
 }
 
 void Decider::put_load(Decision& decision) const {
-  if (!loading_) return;
-  decision.load = loading_->at(decision.time);
-  decision.load_units = loading_->units;
+  decision.load = loading_.at(decision.time);
+  decision.load_units = loading_.units;
 }
 
 }  // namespace knothe::assimilation

@@ -59,7 +59,7 @@ class Decider {
   Eigen::MatrixXd about_;                  ///< the parameters to learn about
   Eigen::VectorXd prior_std_;
   ExpectedInformation information_;
-  std::optional<model::Loading> loading_;
+  model::Loading loading_;
 };
 
 }  // namespace knothe::assimilation

@@ -281,8 +281,9 @@ void examine_answer(PosteriorDensity& posterior, const std::vector<std::string>&
   }
   const auto misfit = posterior.misfit(r.maximum_a_posteriori);
   if (!misfit) return;
-  r.fit_probability = numerics::chi_squared_upper(std::max(0.0, misfit->chi_squared), misfit->count);
-  if (*r.fit_probability < 3e-5) r.doubts.push_back(does_not_fit(misfit->chi_squared, misfit->count));
+  r.predicted = misfit->predicted;
+  r.fit_probability = numerics::chi_squared_upper(std::max(0.0, misfit->chi_squared), r.predicted.size());
+  if (*r.fit_probability < 3e-5) r.doubts.push_back(does_not_fit(misfit->chi_squared, r.predicted.size()));
 }
 
 /// `samples` that weigh the same, of the weighted points.

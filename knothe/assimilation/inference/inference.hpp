@@ -87,6 +87,7 @@ struct InferenceResult : posterior::Posterior {
   /// Probability of a misfit as large as that of the observations at the most probable parameters; nothing
   /// without observations.
   std::optional<double> fit_probability;
+  Eigen::VectorXd predicted;  ///< m, of the observations at the most probable parameters; empty without any
   Eigen::VectorXd edge_mass;  ///< d: posterior mass in the outer 2 % of a bounded prior, the larger side
 
   std::vector<MapDetails> map;       ///< one for transport

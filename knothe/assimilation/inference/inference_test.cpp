@@ -166,6 +166,11 @@ TEST(Inference, AllMethodsAgree) {
   };
   const InferenceResult judge = run(posterior::Method::grid);
   EXPECT_TRUE(judge.trusted) << judge.verdict;
+  model::test_models::Smooth truth;
+  Eigen::MatrixXd best(3, 1);
+  truth.evaluate(judge.maximum_a_posteriori, best);
+  EXPECT_EQ(judge.predicted, best.col(0));
+  EXPECT_EQ(observations.noise.measurement_std(), Eigen::Vector3d(0.3, 0.3, 0.2));
   for (const posterior::Method method : {posterior::Method::transport, posterior::Method::markov_chain,
                                          posterior::Method::sequential_monte_carlo}) {
     const InferenceResult result = run(method);

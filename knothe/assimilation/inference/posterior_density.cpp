@@ -60,7 +60,7 @@ std::optional<PosteriorDensity::Misfit> PosteriorDensity::misfit(const Eigen::Ve
   log_likelihood(p.transpose(), 0, batch);
   const Eigen::Index m = observations_->values.size();
   const double constant = 0.5 * observations_->noise.log_determinant() + 0.5 * m * k_log_2_pi;
-  return Misfit{-2 * (batch.value[0] + constant), m};
+  return Misfit{-2 * (batch.value[0] + constant), values_.col(0)};
 }
 
 Eigen::MatrixXd PosteriorDensity::parameters(const Eigen::Ref<const Eigen::MatrixXd>& z) const {

@@ -42,10 +42,10 @@ class PosteriorDensity final : public posterior::LogDensity {
   void log_likelihood(const Eigen::Ref<const Eigen::MatrixXd>& p, int derivatives,
                       posterior::LogDensityBatch& out);
 
-  /// χ² = (y − f(p))ᵀ R⁻¹ (y − f(p)) and the number of observations; nothing without observations.
+  /// χ² = (y − f(p))ᵀ R⁻¹ (y − f(p)) of the prediction f(p), m; nothing without observations.
   struct Misfit {
     double chi_squared;
-    Eigen::Index count;
+    Eigen::VectorXd predicted;
   };
   [[nodiscard]] std::optional<Misfit> misfit(const Eigen::VectorXd& p);
 

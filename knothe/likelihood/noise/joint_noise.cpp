@@ -84,6 +84,16 @@ JointNoise::JointNoise(std::vector<GaussianNoise> parts,
   information_ = std::move(factorised);
 }
 
+Eigen::VectorXd JointNoise::measurement_std() const {
+  Eigen::VectorXd std(size_);
+  Index begin = 0;
+  for (const GaussianNoise& part : parts_) {
+    std.segment(begin, part.size()) = part.standard_deviations();
+    begin += part.size();
+  }
+  return std;
+}
+
 Eigen::MatrixXd JointNoise::apply_parts(const Eigen::Ref<const Eigen::MatrixXd>& x) const {
   if (parts_.size() == 1) return parts_.front().apply(x);
   Eigen::MatrixXd out(x.rows(), x.cols());

@@ -21,6 +21,7 @@ class JointNoise {
 
   [[nodiscard]] Eigen::Index size() const { return size_; }
   [[nodiscard]] double log_determinant() const { return log_determinant_; }
+  [[nodiscard]] Eigen::VectorXd measurement_std() const;  ///< of D: without the nuisances, m
   /// (D + F K⁻¹ Fᵀ)⁻¹ X by Woodbury's identity, m × anything.
   [[nodiscard]] Eigen::MatrixXd apply(const Eigen::Ref<const Eigen::MatrixXd>& x) const;
 

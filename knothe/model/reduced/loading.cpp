@@ -15,15 +15,16 @@ std::optional<double> Loading::at(double time) const {
          (values[after] - values[after - 1]) * (times[after] - time) / (times[after] - times[after - 1]);
 }
 
-std::optional<Loading> loading_of(const SeparatedModel& model, const std::string& clock,
-                                  std::vector<double> p) {
+Loading loading_of(const SeparatedModel& model, const std::string& clock, std::vector<double> p) {
   const std::string name = clock.empty() ? "imposed_displacement" : clock;
   const auto names = model.output_names();
-  if (std::find(names.begin(), names.end(), name) == names.end()) return std::nullopt;
   const ModelContents& contents = model.contents();
+  if (std::find(names.begin(), names.end(), name) == names.end())
+    return {{}, {}, contents.time, {}, contents.time_units};
   for (std::size_t k = 0; k < p.size(); ++k)
     p[k] = std::clamp(p[k], contents.axes[k].nodes.front(), contents.axes[k].nodes.back());
-  return Loading{name, output_units(contents, name), contents.time, model.evaluate_output(name, p).value};
+  return {name, output_units(contents, name), contents.time, model.evaluate_output(name, p).value,
+          contents.time_units};
 }
 
 }  // namespace knothe::model

@@ -143,8 +143,8 @@ Json assimilation_record(const record::Results& results, const model::SeparatedM
                         {"component", std::string(r.component.begin(), r.component.end())},
                         {"averaged", r.averaged}};
   if (Json load = load_record(results, model); !load.is_null()) drawn["load"] = std::move(load);
+  if (!results.time_units.empty()) record["time_units"] = results.time_units;
   if (model != nullptr) {
-    if (const std::string& units = model->contents().time_units; !units.empty()) record["time_units"] = units;
     const std::vector<double> p = drawing_point(results, *model);
     if (can_be_drawn(*model)) drawn["specimen"] = specimen_record(*model, p);
     drawn["functions"] = functions_record(*model, p);

@@ -62,8 +62,9 @@ ForecastScale forecast_scale(const record::Results& results, const std::string& 
   scale.crack = summary.quantity == "crack_length" || (summary.quantity.empty() && name.find("crack") == 0);
   scale.title = scale.crack ? "Equivalent elastic crack length" : with_capital(name);
   if (summary.horizon)
-    scale.title += " at " + record::horizon_text(*summary.horizon, model::Loading{"", "m", results.curve_time,
-                                                                                  results.displacement});
+    scale.title += " at " + record::horizon_text(
+                                *summary.horizon,
+                                {"", "m", results.curve_time, results.displacement, results.time_units});
   else if (scale.crack && name != "crack")
     scale.title += " (" + name + ")";
   const UnitScale shown = unit_scale(scale.crack ? "m" : summary.unit);

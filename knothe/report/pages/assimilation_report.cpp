@@ -288,10 +288,11 @@ std::string assimilation_report(const record::Results& results, const model::Sep
   const std::string date =
       at.size() < 16 ? "" : fmt::format("{} {} UTC. ", at.substr(0, 10), at.substr(11, 5));
   const std::string project = std::filesystem::path(results.project_file).filename().string();
-  Page page(project.empty() ? "Test report" : "Test report: " + project,
-            fmt::format("{}{} assimilated, up to model time {}. Last step: {} of {} used.", date,
-                        counted(results.steps.size(), "step"), record::plain(last.time), last.used,
-                        counted(last.used + last.rejected + last.missing, "sensor")));
+  Page page(
+      project.empty() ? "Test report" : "Test report: " + project,
+      fmt::format("{}{} assimilated, up to model time {}. Last step: {} of {} used.", date,
+                  counted(results.steps.size(), "step"), record::given_text(last.time, results.time_units),
+                  last.used, counted(last.used + last.rejected + last.missing, "sensor")));
   const nlohmann::ordered_json record = assimilation_record(results, model);
   add_result(page, results);
   add_next(page, results);

@@ -86,18 +86,34 @@ void add_parameters(Page& page, const Content& c, Usability worth) {
   page.note("±: one standard deviation of the posterior. Skewness and kurtosis are 0 and 3 for a Gaussian.");
 }
 
-void add_figures(Page& page, const Content& c) {
+FigurePlace marginal(const Content& c, std::size_t k) {
+  return {fmt::format("marginal:{}", k), "Prior and posterior of " + c.parameters[k]};
+}
+
+/// Of the first screen: what was observed, and what was inferred; then the numbers.
+void add_first_screen(Page& page, const Content& c, Usability worth) {
   std::vector<FigurePlace> figures;
-  for (std::size_t k = 0; k < c.shown(6); ++k)
-    figures.push_back({fmt::format("marginal:{}", k), "Prior and posterior of " + c.parameters[k]});
+  if (c.figures->contains("observations"))
+    figures.push_back({"observations", "Observations, and their prediction at the most probable parameters"});
+  if (c.parameters.size() > 1)
+    figures.push_back({"pairs", "Draws of the posterior, pair by pair"});
+  else
+    figures.push_back(marginal(c, 0));
   page.figures(figures);
+  add_parameters(page, c, worth);
+  if (c.parameters.size() > 5) page.note("Only the first 5 parameters are drawn pair by pair.");
+  if (c.has_map() && c.parameters.size() > 1)
+    page.note(
+        "Blue draws: the posterior, importance-corrected. Orange: what the map alone would say. Where both "
+        "differ, the correction was needed.");
+}
+
+void add_marginals(Page& page, const Content& c) {
   if (c.parameters.size() < 2) return;
-  page.section("Pairwise marginals");
-  page.figures({{"pairs", "Draws of the posterior, pair by pair"}},
-               c.has_map() ? "Blue: the posterior, importance-corrected. Orange: what the map alone would "
-                             "say. Where both differ, the correction was needed."
-                           : "Draws of the posterior, and the density of each parameter.");
-  if (c.parameters.size() > 5) page.note("Only the first 5 parameters are drawn.");
+  page.section("Prior and posterior of each parameter");
+  std::vector<FigurePlace> figures;
+  for (std::size_t k = 0; k < c.shown(6); ++k) figures.push_back(marginal(c, k));
+  page.figures(figures);
 }
 
 void add_map(Page& page, const Content& c) {
@@ -208,8 +224,8 @@ std::string inference_report(const Json& content, const std::string& where) {
                                  std::max(1e-6, content.at("log_evidence_error").get<double>())),
         content.at("model_evaluations").get<long>()));
     page.result(judged.usability, judged.sentences);
-    add_parameters(page, c, judged.usability);
-    add_figures(page, c);
+    add_first_screen(page, c, judged.usability);
+    add_marginals(page, c);
     if (c.has_map()) add_map(page, c);
     add_phases(page, content);
     add_provenance(page, content, c);

@@ -206,8 +206,14 @@ TEST(InferenceReport, NumbersOfAParameterAreInItsUnit) {
       {"seed", 1},
       {"priors", {"uniform", "uniform"}},
       {"project", ""},
-      {"figures", {{"posterior", nlohmann::json::array()}}}};
+      {"figures", {{"posterior", nlohmann::json::array()}, {"observations", {{"residual", {0.5, -1.2}}}}}}};
   const std::string html = inference_report(content, "inference.json");
+  // What was observed and what was inferred come first, then the numbers.
+  const auto place = [&](const char* text) { return html.find(text); };
+  EXPECT_LT(place("data-figure=\"observations\""), place("data-figure=\"pairs\""));
+  EXPECT_LT(place("data-figure=\"pairs\""), place("<caption>Parameters"));
+  EXPECT_LT(place("<caption>Parameters"), place("data-figure=\"marginal:0\""));
+  EXPECT_NE(place("data-figure=\"marginal:1\""), std::string::npos);
   for (const char* row :
        {"<td data-of=\"parameter\">E</td><td data-of=\"estimate\">212.1 ± 2.1 GPa</td>"
         "<td data-of=\"most probable\">210.0 GPa</td><td data-of=\"95 % between\">207.9 … 216.3 GPa</td>",

@@ -97,15 +97,16 @@ assimilation::Engine engine_of(const Opened& opened) {
 
 void write_results(const Opened& opened, const std::string& folder) {
   files::require_writable_folder(folder);
+  const project::UpdateSetup& setup = opened.model.setup;
   assimilation::Engine engine = engine_of(opened);
   const std::vector<std::size_t> steps(engine.stale().begin(), engine.stale().end());
   // The data as a file has them: one column per step, the last datum of each.
-  likelihood::Measurements measurements = opened.model.setup.measurements;
+  likelihood::Measurements measurements = setup.measurements;
   measurements.time.clear();
-  for (const std::size_t step : steps)
-    measurements.time.push_back(opened.model.setup.problem.model->time[step]);
+  for (const std::size_t step : steps) measurements.time.push_back(setup.problem.model->time[step]);
   measurements.values.resize(measurements.values.rows(), std::ssize(steps));
-  record::ResultsWriter writer(opened.model.project, opened.model.setup.model, measurements, engine.priors());
+  record::ResultsWriter writer(opened.model.project, setup.model, measurements, engine.priors(),
+                               setup.problem.model);
   const auto start = std::chrono::steady_clock::now();
   for (const std::size_t step : steps) {
     check_cancellation("nothing was written");

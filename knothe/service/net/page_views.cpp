@@ -122,8 +122,8 @@ Json description(const Site& site, const std::vector<std::string>& sites) {
       entry["threshold"] = specification.threshold.value_or(specification.prior_mean);
     entry["units"] = assimilation::forecast_units(contents, specification);
     if (!specification.output.empty()) entry["output"] = specification.output;
-    if (const auto at = imposed ? imposed->at(specification.horizon) : std::nullopt)
-      entry["loading"] = {{"value", *at}, {"units", imposed->units}};
+    if (const auto at = imposed.at(specification.horizon))
+      entry["loading"] = {{"value", *at}, {"units", imposed.units}};
     forecasts.push_back(entry);
   }
   const bool on_nodes = contents.mesh && !contents.dofs.empty();

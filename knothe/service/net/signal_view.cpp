@@ -104,9 +104,10 @@ Json signal(const Site& site, const std::string& sensor, const std::string& step
                               site.noise_std()[which])},
       {"measured", measured(site, line->step, Eigen::Index(which))}};
   const ServedModel& served = *line->model;
-  if (const auto imposed =
-          model::loading_of(served.setup.model, served.project.clock, {line->mean.begin(), line->mean.end()}))
-    answer["loading"] = {{"name", imposed->name}, {"units", imposed->units}, {"values", imposed->values}};
+  const auto imposed =
+      model::loading_of(served.setup.model, served.project.clock, {line->mean.begin(), line->mean.end()});
+  if (!imposed.values.empty())
+    answer["loading"] = {{"name", imposed.name}, {"units", imposed.units}, {"values", imposed.values}};
   return answer;
 }
 

@@ -18,6 +18,7 @@
 #include <optional>
 #include <thread>
 
+#include "knothe/base/console.hpp"
 #include "knothe/base/error.hpp"
 #include "knothe/base/text.hpp"
 #include "knothe/base/threads.hpp"
@@ -36,11 +37,15 @@
 namespace knothe::service {
 namespace {
 
+void say(const std::string& line) {
+  fmt::print("{}\n", for_people(line, stdout, 18));
+}
+
 class Report {
  public:
   void line(bool good, const std::string& what, const std::string& text, const std::string& advice = "") {
-    fmt::print("{:4} {:12} {}\n", good ? "ok" : "!!", what, text);
-    if (!good && !advice.empty()) fmt::print("     {:12} {}\n", "", advice);
+    say(fmt::format("{:4} {:12} {}", good ? "ok" : "!!", what, text));
+    if (!good && !advice.empty()) say(fmt::format("     {:12} {}", "", advice));
     all_good_ = all_good_ && good;
   }
   [[nodiscard]] bool all_good() const { return all_good_; }
