@@ -41,6 +41,7 @@ std::string UmbridgeSimulator::key(std::span<const double> parameters) const {
   std::string text = fmt::format("umbridge {} {} {} | {:a} | {} {}", source_.url, model_.name(),
                                  source_.config, fmt::join(source_.times, " "), fmt::join(source_.names, ","),
                                  fmt::join(source_.units, ","));
+  if (!source_.time_units.empty()) text += " | time in " + source_.time_units;
   for (Index i = 0; i < std::ssize(axes_); ++i)
     text += fmt::format(" | {} {:a}", axes_[i].name, parameters[i] * axes_[i].reference);
   return text;
@@ -54,7 +55,7 @@ model::Snapshots UmbridgeSimulator::solve(std::span<const double> parameters) {
   solution.axes = axes_;
   for (Index i = 0; i < std::ssize(axes_); ++i) solution.axes[i].nodes = {parameters[i]};
   solution.field = {"1", "quantities, each in its own unit"};
-  solution.time = source_.times;
+  solution.time = source_.times, solution.time_units = source_.time_units;
   solution.values.assign(values.data(), values.data() + values.size());
   for (Index k = 0; k < std::ssize(source_.names); ++k)
     solution.quantities.push_back(

@@ -100,6 +100,8 @@ void add_reduction_options(Section<O>& s) {
         check([](double v) { return v <= 80; }, "the ligament is 80 mm high: at most 80 lengths"));
 }
 
+constexpr const char* k_time_units = "Unit of these times, such as `\"s\"`, for reports and axes.";
+
 const Section<model::CommandOptions>& command_section() {
   using C = model::CommandOptions;
   using R = model::ResultOptions;
@@ -124,6 +126,7 @@ const Section<model::CommandOptions>& command_section() {
         s.add("outputs", in(&C::result, &R::outputs),
               "CSV file in which the run leaves further scalars: a column `time`, one for each.");
         s.add("times", in(&C::result, &R::times), "Model times, if the file has none.");
+        s.add("time_units", in(&C::result, &R::time_units), k_time_units);
         s.add("names", in(&C::result, &R::names),
               "`.npy`: name of each column, a quantity without a position; `.dat`: the quantities to be "
               "taken, all of them if there are no names.");
@@ -151,6 +154,7 @@ const Section<UmbridgeSource>& umbridge_section() {
         s.add("config", &U::config, "Passed through to the model.", free_table);
         s.add("timeout", &U::timeout, "Seconds after which a request counts as failed.", positive);
         s.add("times", &U::times, "Model times of the outputs.", required);
+        s.add("time_units", &U::time_units, k_time_units);
         s.add("names", &U::names, "Name of each quantity.", required);
         s.add("units", &U::units, "Unit of each quantity.");
       });

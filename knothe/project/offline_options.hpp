@@ -78,6 +78,7 @@ struct UmbridgeSource {
   std::string config = "{}";  ///< JSON, sent with every request
   double timeout = 30;        ///< s, per request
   std::vector<double> times;
+  std::string time_units;                 ///< of them; empty: not said
   std::vector<std::string> names, units;  ///< of the quantities; no unit: "1"
 };
 

@@ -399,6 +399,8 @@ with h5py.File("data.h5", "a") as f:
         self.edit(re.search(r'^model = .*', self.project.read_text(), re.M)[0], 'model = "model.h5"')
         (info,) = self.expect(0, "model", "info", "model.h5", "--json").lines()
         self.assertEqual([q["name"] for q in info["quantities"]], sensors)
+        said = re.search(r'^time_units = "(.*)"', self.project.read_text(), re.M)
+        self.assertEqual(info.get("time_units"), said and said[1])
         verified = self.expect(0, "model", "verify", self.project_name, "model.h5", "--points", "4", "--json").lines()[-1]
         self.assertLess(verified["relative_error"], 0.01)
         self.expect(0, "simulate", self.project_name, "-o", "data.h5")

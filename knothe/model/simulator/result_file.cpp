@@ -311,6 +311,7 @@ Snapshots read_result(const ResultOptions& options, const std::string& folder) {
   if (!std::filesystem::exists(path))
     throw DataError(fmt::format("the run has ended well but left no {}", options.field));
   Snapshots solution = read_field(options, path);
+  if (solution.time_units.empty()) solution.time_units = options.time_units;
   if (!options.outputs.empty())
     add_outputs((std::filesystem::path(folder) / options.outputs).string(), solution);
   settle_units(solution, path);

@@ -17,6 +17,7 @@ struct ResultOptions {
   /// Further scalars: a CSV file with a column time and one for each; empty: none.
   std::string outputs;
   std::vector<double> times;       ///< where the file has none
+  std::string time_units;          ///< likewise
   std::vector<std::string> names;  ///< .npy: of its columns; .dat: those to be taken, all if there are none
   std::vector<std::string> units;  ///< of each name; none: "1"
   std::string points;              ///< .npy: CSV file x,y,z,component of each column, instead of names
