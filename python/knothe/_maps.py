@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from knothe import _knothe
 from knothe._errors import UsageError, warned
 from knothe._posterior import Posterior
-from knothe._values import Array, OfNative, Seed, count_of, numbers, points_of, seed_of
+from knothe._values import Array, OfNative, Seed, count_of, numbers, points_of, seconds_of, seed_of
 
 _COMPILED: Any = ctypes.CFUNCTYPE(None).__base__  # the class of all functions of ctypes
 
@@ -268,13 +268,15 @@ def _address(function: Any, what: str, result: Any, arguments: int) -> int:
 
 
 def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Callable[[Array], ArrayLike] | None = None,
-        tolerance: float = 1e-3, max_order: int = 8, seed: Seed = 1, standardised: bool = True, triangular: bool = False) -> Fit:
+        tolerance: float = 1e-3, max_order: int = 8, seed: Seed = 1, standardised: bool = True, triangular: bool = False,
+        evaluations: int = 0, seconds: float = 0.0) -> Fit:
     """A transport map of a density, and what follows from it.
 
     Finds the mode, then maps of rising order until one is good on points that it was not trained on, then weights.
     If no map is accurate enough and a gradient exists, the solver samples a few variables and treats the others as Gaussian
-    given those (hierarchical models, tens of variables); `remark` then says so. Give a low `max_order` there, and
-    compiled functions: it takes two gradients for each variable at some 60,000 points.
+    given those (hierarchical models, tens of variables); `remark` then says so. Give a low `max_order` there, a larger
+    budget, and compiled functions: it takes two gradients for each variable at some 60,000 points. Where the budget ends
+    before a map is trusted, the answer is that of the best map so far, or of weighted draws.
 
     Parameters
     ----------
@@ -295,17 +297,24 @@ def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Call
         The density is roughly that of N(0, I), or within some units of it; if false, nothing is assumed about its scale.
     triangular : bool
         The map is triangular in the given order of the variables, as `TransportMap.condition` needs it.
+    evaluations : int
+        Budget: points at which `log_density` and, each counting four times, `gradient` are asked. 0: 100,000. With a larger
+        one, which `remark` then names, the same call goes on.
+    seconds : float
+        Time limit, kept like `evaluations`; 0: none.
 
     Returns
     -------
     Fit
+        ``record["model_evaluations"]``: what was spent.
 
     Raises
     ------
     UsageError
         The gradient is not that of `log_density` (checked if `standardised`), or a compiled function has another signature.
     NumericalError
-        The log-density is NaN or plus infinity somewhere, or the density is zero wherever it was tried.
+        The log-density is NaN or plus infinity somewhere, or the density is zero wherever it was tried, or the budget or the time
+        was too small for any answer.
 
     Examples
     --------
@@ -322,7 +331,8 @@ def fit(log_density: Callable[[Array], float], dimension: int, *, gradient: Call
     """
     if isinstance(dimension, bool) or not isinstance(dimension, (int, np.integer)) or dimension < 1:
         raise UsageError(f"dimension {dimension!r}: a density has at least one variable")
-    options = (tolerance, max_order, seed_of(seed), standardised, triangular)
+    options = (tolerance, max_order, seed_of(seed), standardised, triangular, count_of(evaluations, "evaluations as budget"),
+               seconds_of(seconds))
     if isinstance(log_density, _COMPILED):
         slope = 0 if gradient is None else _address(gradient, "gradient", None, 3)
         native, found = _knothe.solve_compiled(dimension, _address(log_density, "log_density", ctypes.c_double, 2), slope, *options)
