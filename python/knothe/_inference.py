@@ -26,8 +26,6 @@ class InferenceResult(Posterior):
     ----------
     record : dict
         The line of ``knothe infer --json``.
-    chains : ndarray, shape (chains, draws, d)
-        Equally weighted draws.
     remark : str
         Trusted or not, and why: one sentence.
 
@@ -46,12 +44,27 @@ class InferenceResult(Posterior):
         super().__init__(record, record["parameters"], found["points"], found["weights"], found["densities"],
                          found["labels"])
         self._prior_values: dict[str, Any] | None = found.get("prior")
-        draws = found["draws"]
-        count = len(draws) // found["chains"]
-        self.chains: Array = draws[:count * found["chains"]].reshape(found["chains"], count, -1)
+        self._chains: Array | None = None  # of weighted points when they are asked for
+        count = len(found["draws"]) // found["chains"]
+        if count > 0:
+            self._chains = found["draws"][:count * found["chains"]].reshape(found["chains"], count, -1)
 
     def _prior(self) -> dict[str, Any] | None:
         return self._prior_values
+
+    @property
+    def chains(self) -> Array:
+        """Equally weighted draws, shape (chains, draws, d).
+
+        Examples
+        --------
+        >>> found = knothe.infer(lambda p: p, {"a": knothe.Normal(0, 1)}, observed=[1.0], std=1.0, samples=2000)
+        >>> found.chains.shape
+        (1, 2000, 1)
+        """
+        if self._chains is None:
+            self._chains = self.draws(self.record["distinct_draws"])[None]
+        return self._chains
 
     @property
     def skewness(self) -> Array:
