@@ -82,7 +82,8 @@ py::dict dictionary_of(Posterior p) {
       "points"_a = rows_of(std::move(p.points), d), "weights"_a = array_of(std::move(p.weights)),
       "log_evidence"_a = p.log_evidence, "map_order"_a = p.map_order,
       "variance_diagnostic"_a = p.variance_diagnostic, "ess"_a = p.effective_sample_size,
-      "tolerance_reached"_a = p.tolerance_reached, "trusted"_a = p.trusted, "remark"_a = p.remark);
+      "tolerance_reached"_a = p.tolerance_reached, "trusted"_a = p.trusted, "remark"_a = p.remark,
+      "model_evaluations"_a = p.evaluations);
 }
 
 void bind_maps(py::module_& module) {
@@ -134,20 +135,22 @@ void bind_maps(py::module_& module) {
       arg("samples"), arg("dimension"), arg("max_order"), arg("folds"), arg("seed"));
   const auto solve = [](auto log_density, auto gradient) {
     return [](std::size_t dimension, decltype(log_density) function, decltype(gradient) slope,
-              double tolerance, int max_order, std::uint64_t seed, bool standardised, bool triangular) {
+              double tolerance, int max_order, std::uint64_t seed, bool standardised, bool triangular,
+              std::int64_t evaluations, double seconds) {
       const Density density = density_of(dimension, std::move(function), std::move(slope));
       MapSolution solution = long_call([&] {
-        return solve_map(density, {tolerance, max_order, seed, standardised, triangular});
+        return solve_map(density,
+                         {tolerance, max_order, seed, standardised, triangular, evaluations, seconds});
       });
       return py::make_tuple(std::move(solution.map), dictionary_of(std::move(solution.posterior)));
     };
   };
   module.def("solve_map", solve(py::function(), std::optional<py::function>()), arg("dimension"),
              arg("log_density"), arg("gradient"), arg("tolerance"), arg("max_order"), arg("seed"),
-             arg("standardised"), arg("triangular"));
+             arg("standardised"), arg("triangular"), arg("evaluations"), arg("seconds"));
   module.def("solve_compiled", solve(std::uintptr_t(), std::uintptr_t()), arg("dimension"),
              arg("log_density"), arg("gradient"), arg("tolerance"), arg("max_order"), arg("seed"),
-             arg("standardised"), arg("triangular"));
+             arg("standardised"), arg("triangular"), arg("evaluations"), arg("seconds"));
 }
 
 GreyPicture picture_of(const py::array_t<float, py::array::c_style | py::array::forcecast>& pixels,

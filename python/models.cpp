@@ -353,7 +353,7 @@ class CallableModel final : public model::ForwardModel {
 py::dict dictionary_of(const assimilation::InferenceResult& r, std::span<const model::Axis> axes,
                        const std::vector<posterior::Prior>& priors, const std::string& samples_file) {
   using namespace py::literals;
-  const auto d = static_cast<std::size_t>(r.draws.cols());
+  const std::size_t d = r.points.cols();
   return py::dict("json"_a = files::json_line(record::inference_record(r, axes, samples_file)),
                   "draws"_a = rows_of(plain(r.draws), d), "chains"_a = r.chains,
                   "points"_a = rows_of(plain(r.points), d), "weights"_a = array_of(plain(r.weights)),
@@ -426,6 +426,7 @@ py::dict infer_callable(py::function function, std::optional<py::function> jacob
   values.options.evaluations = evaluations;
   values.options.seconds = seconds;
   values.options.names = names;
+  values.options.makes_draws = false;  // when they are asked for
   CallableModel model(std::move(function), std::move(jacobian), std::ssize(names), values.observed.size());
   const assimilation::InferenceResult result = long_call([&] { return infer(model, values, progress); });
   std::vector<model::Axis> axes;

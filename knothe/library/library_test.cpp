@@ -194,7 +194,7 @@ TEST(FacadeOfMaps, AFunnelIsAnsweredByAFewVariablesFirst) {
           slope[i + 1] = -precision * p[i + 1] + residual(p, i);
         }
       }};
-  const auto [map, posterior] = solve_map(funnel, {.max_order = 1});
+  const auto [map, posterior] = solve_map(funnel, {.max_order = 1, .evaluations = 100'000'000});
   EXPECT_TRUE(posterior.trusted) << posterior.remark;
   EXPECT_NE(posterior.remark.find("by weighted draws, variable 0 first"), std::string::npos)
       << posterior.remark;
@@ -211,6 +211,39 @@ TEST(FacadeOfMaps, AFunnelIsAnsweredByAFewVariablesFirst) {
   EXPECT_NEAR(posterior.mean[0], mean, 0.1 * std);
   EXPECT_NEAR(posterior.std(0), std, 0.05 * std);
   EXPECT_NEAR(posterior.mean[3], first / sum, 0.1 * posterior.std(3));
+}
+
+/// A density with hard ends: of no map, and without a budget of no end.
+TEST(FacadeOfMaps, ABudgetEndsWithTheBestAnswer) {
+  std::int64_t calls = 0;
+  const Density exponential{2, [&](std::span<const double> p) {
+                              ++calls;
+                              return p[0] >= 0 && p[1] >= 0 ? -p[0] - p[1] : -INFINITY;
+                            }};
+  const auto [map, posterior] = solve_map(exponential, {.evaluations = 40'000});
+  EXPECT_LE(calls, 40'000);
+  EXPECT_EQ(posterior.evaluations, calls);
+  EXPECT_FALSE(map.trusted());
+  EXPECT_TRUE(posterior.trusted) << posterior.remark;
+  EXPECT_NE(posterior.remark.find("by weighted draws: a mean is off by at most"), std::string::npos)
+      << posterior.remark;
+  for (std::size_t k = 0; k < 2; ++k) {
+    EXPECT_NEAR(posterior.mean[k], 1, 0.1);
+    EXPECT_NEAR(posterior.std(k), 1, 0.05);
+  }
+  calls = 0;
+  const MapSolution less = solve_map(exponential, {.evaluations = 1500});
+  EXPECT_LE(calls, 1500);
+  EXPECT_FALSE(less.posterior.trusted);
+  EXPECT_NE(less.posterior.remark.find("the budget of 1500 calls is spent: evaluations = 3000 goes on"),
+            std::string::npos)
+      << less.posterior.remark;
+  EXPECT_NE(message_of([&] {
+              (void)solve_map(exponential, {.evaluations = 3});
+            }).find("the budget of 3 calls is spent: evaluations = 6 goes on from here; there is no answer"),
+            std::string::npos);
+  EXPECT_NE(message_of([&] { (void)solve_map(exponential, {.evaluations = -1}); }).find("-1 evaluations"),
+            std::string::npos);
 }
 
 TEST(FacadeOfMaps, OfSamples) {

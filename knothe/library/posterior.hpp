@@ -2,6 +2,7 @@
 /// @file The posterior of the parameters, as numbers.
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -40,6 +41,7 @@ struct Posterior {
   bool trusted = true;
   std::string remark;  ///< why it, or its map, is not trusted, or the tolerance not reached; else empty
   Verdict verdict;     ///< of an assimilation; it rates the answer, not the map
+  std::int64_t evaluations = 0;  ///< of the density of `solve_map`, as its budget counts them
 
   [[nodiscard]] std::size_t dimension() const { return mean.size(); }
   /// Standard deviation of parameter k.

@@ -2,14 +2,16 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
-#include <cmath>
+#include <optional>
 #include <utility>
 
 #include "knothe/base/cancellation.hpp"
+#include "knothe/library/function_density.hpp"
 #include "knothe/library/plain.hpp"
-#include "knothe/numerics/statistics/random.hpp"
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
+#include "knothe/posterior/budget_spent.hpp"
 #include "knothe/posterior/draws/nested_laplace.hpp"
 #include "knothe/posterior/map/map_file.hpp"
 #include "knothe/posterior/map/samples/map_distribution.hpp"
@@ -18,7 +20,7 @@
 
 namespace knothe {
 
-using library::plain, library::rows_of, library::vector_of;
+using library::FunctionDensity, library::plain, library::rows_of, library::vector_of;
 
 /// A map of a density goes from the reference to the points, one of samples the other way.
 struct TransportMap::Implementation {
@@ -153,74 +155,6 @@ std::string TransportMap::describe() const {
 
 namespace {
 
-/// The caller's functions as the solver wants them: many points at once.
-class FunctionDensity final : public posterior::LogDensity {
- public:
-  explicit FunctionDensity(const Density& density)
-      : density_(&density), point_(density.dimension), slope_(point_) {}
-  [[nodiscard]] Eigen::Index dimension() const override { return std::ssize(point_); }
-  [[nodiscard]] int available_derivatives() const override { return density_->gradient ? 1 : 0; }
-  void evaluate(const Eigen::Ref<const Eigen::MatrixXd>& points, int derivatives,
-                posterior::LogDensityBatch& out) override {
-    for (Eigen::Index i = 0; i < points.rows(); ++i) {
-      for (Eigen::Index k = 0; k < dimension(); ++k) point_[k] = points(i, k);
-      out.value[i] = density_->log_value(point_);
-      if (derivatives < 1) continue;
-      density_->gradient(point_, slope_);
-      out.gradient.row(i) = Eigen::Map<const Eigen::RowVectorXd>(slope_.data(), dimension());
-    }
-  }
-
- private:
-  const Density* density_;
-  std::vector<double> point_, slope_;
-};
-
-/// By how much a slope differs from central differences of the log-density in steps of 1e-4, 1e-3 and 1e-2;
-/// 0 unless all of them differ in the same sense: a noisy or coarsely rounded density is off in any.
-double slope_error(const Density& density, std::vector<double>& point, std::size_t k, double slope) {
-  double least = INFINITY;
-  bool above = false, below = false;
-  const double at = point[k];
-  for (const double step : {1e-4, 1e-3, 1e-2}) {
-    point[k] = at + step;
-    const double up = density.log_value(point);
-    point[k] = at - step;
-    const double error = slope - (up - density.log_value(point)) / (2 * step);
-    (error > 0 ? above : below) = true;
-    if (!(std::abs(error) >= least)) least = std::abs(error);
-  }
-  point[k] = at;
-  return above != below && std::isfinite(least) ? least : 0;
-}
-
-/// A forgotten sign or factor: a wrong gradient is met by no map, after minutes. Asked at five points of
-/// N(0, I); wrong where a component is off by a fifth and more at three of them. Errors: UsageError.
-void check_gradient(const Density& density) {
-  constexpr int k_points = 5, k_wrong = 3;
-  constexpr double k_share = 0.2, k_of_steepest = 0.1;
-  const Eigen::MatrixXd points = numerics::monte_carlo_normal_points(k_points, density.dimension, 1);
-  std::vector<double> point(density.dimension), slope(density.dimension);
-  std::vector<int> wrong(density.dimension, 0);
-  for (Eigen::Index i = 0; i < k_points; ++i) {
-    std::copy(points.row(i).begin(), points.row(i).end(), point.begin());
-    if (!std::isfinite(density.log_value(point))) continue;
-    density.gradient(point, slope);
-    double steepest = 0;
-    for (const double s : slope) steepest = std::max(steepest, std::abs(s));
-    for (std::size_t k = 0; k < point.size(); ++k) {
-      const double error = slope_error(density, point, k, slope[k]);
-      if (error > std::max({k_share * std::abs(slope[k]), k_of_steepest * steepest, 1e-6})) ++wrong[k];
-      if (wrong[k] == k_wrong)
-        throw UsageError(
-            fmt::format("the gradient is not that of the log-density: at ({:.4g}) its component {} is "
-                        "{:.4g}, off by {:.2g} "
-                        "from differences of the log-density",
-                        fmt::join(point, ", "), k, slope[k], error));
-    }
-  }
-}
-
 Eigen::MatrixXd as_they_are(const Eigen::MatrixXd& points) {
   return points;
 }
@@ -254,29 +188,127 @@ void answer_by_few_variables_first(posterior::LogDensity& target, std::uint64_t 
           100 * draws.deviation_error));
 }
 
+/// Weighted draws of what is left of the budget, around `modes` where draws from N(0, I) do not lead to the
+/// mass. Nothing where they come to nothing either.
+std::optional<posterior::RecycledImportanceResult> draws_of_the_rest(
+    FunctionDensity& target, const std::vector<posterior::Mode>& modes, std::uint64_t seed) {
+  posterior::RecycledImportanceOptions options;
+  options.max_evaluations = target.budget();
+  options.spent = [&] { return target.spent(); };
+  options.draws = std::clamp<std::int64_t>((target.budget() - target.spent()) / 3, 1, options.draws);
+  options.seed = seed;
+  options.modes = modes;
+  try {
+    return posterior::recycled_importance(target, options);
+  } catch (const NumericalError&) {
+    return std::nullopt;
+  }
+}
+
+/// Where ascents lead, as far as the budget goes.
+std::vector<posterior::Mode> modes_of(FunctionDensity& target, posterior::ScanReach scan) {
+  std::vector<posterior::Mode> modes;
+  try {
+    posterior::CheckedDensity checked(target);
+    posterior::ModeSearch().run(checked, true, modes, scan);
+  } catch (const posterior::BudgetSpent&) {
+  }
+  return modes;
+}
+
+posterior::MapResult solve_and_correct(FunctionDensity& target, const posterior::MapSolverOptions& settings,
+                                       posterior::Posterior& r) {
+  posterior::MapSolver solver(settings);
+  posterior::MapResult solved = solver.solve(target);
+  posterior::set_from_map(solved, solver.correct(target, solved), as_they_are, r);
+  r.maximum_a_posteriori = solved.mode;
+  return solved;
+}
+
+/// The best map that the budget allows: the calls made are known, and the same way again, less far, asks for
+/// few more. What is left is for draws.
+std::optional<posterior::MapResult> map_within_budget(FunctionDensity& target,
+                                                      posterior::MapSolverOptions settings,
+                                                      posterior::Posterior& r) {
+  constexpr double k_of_map = 0.66, k_of_lower_orders = 0.83;
+  target.limit_to(k_of_map);
+  try {
+    return solve_and_correct(target, settings, r);
+  } catch (const posterior::BudgetSpent&) {
+  }
+  target.limit_to(k_of_lower_orders);
+  settings.search_modes = posterior::ModeSearchLevel::multi_start;
+  settings.fallback = settings.long_first_variable = false;
+  settings.max_points = 4 * settings.verification_points;
+  for (; settings.max_order > 0; settings.max_order /= 2) {
+    try {
+      return solve_and_correct(target, settings, r);
+    } catch (const posterior::BudgetSpent&) {
+    }
+  }
+  return std::nullopt;
+}
+
+/// The Gaussian of these moments, as a map.
+posterior::ComposedMap gaussian_map(const posterior::Posterior& r) {
+  Eigen::MatrixXd covariance = r.covariance;
+  covariance.diagonal().array() *= 1 + 1e-10;
+  posterior::ComposedMap map(r.mean.size());
+  map.append(posterior::AffineMap{r.mean, covariance.llt().matrixL()});
+  return map;
+}
+
+/// Where the budget was too small for a map, or for a trusted one: weighted draws. `has_map`: it is in `r`.
+void answer_by_draws(FunctionDensity& target, const posterior::MapSolverOptions& settings, bool has_map,
+                     posterior::Posterior& r) {
+  const std::vector<posterior::Mode> modes = modes_of(target, settings.scan);
+  const auto draws = draws_of_the_rest(target, modes, settings.seed);
+  if (!draws && !has_map)
+    throw posterior::BudgetSpent(fmt::format("{}; there is no answer yet", target.in_words()));
+  if (!draws || (has_map && !posterior::trust_of(*draws, draws->temperatures.back()).trusted)) return;
+  const std::string why =
+      has_map ? fmt::format("the map is not trusted ({})", r.remark) : "the budget was too small for a map";
+  const Eigen::VectorXd best = has_map ? r.maximum_a_posteriori : Eigen::VectorXd();
+  posterior::set_from_draws(*draws, as_they_are, draws->temperatures.back(), r);
+  r.maximum_a_posteriori = has_map ? best : modes.empty() ? r.mean : modes.front().point;
+  r.remark = fmt::format(
+      "{}; the posterior is by weighted draws: a mean is off by at most {:.2f} standard deviations, a "
+      "standard deviation by {:.1f} %{}{}",
+      why, draws->mean_error, 100 * draws->deviation_error, r.remark.empty() ? "" : "; ", r.remark);
+}
+
 }  // namespace
 
 MapSolution solve_map(const Density& density, const MapOptions& options) {
+  constexpr std::int64_t k_budget = 100'000;  // as of `infer` by a map
   if (density.dimension == 0 || !density.log_value)
     throw UsageError("solve_map: a density needs a dimension of at least 1 and the function log_value");
-  if (density.gradient && options.standardised) check_gradient(density);
+  if (options.evaluations < 0 || !(options.seconds >= 0))
+    throw UsageError(fmt::format("solve_map: {} evaluations and {} s; neither may be negative",
+                                 options.evaluations, options.seconds));
+  FunctionDensity target(density, options.evaluations > 0 ? options.evaluations : k_budget, options.seconds);
+  if (density.gradient && options.standardised) library::check_gradient(target);
   posterior::MapSolverOptions settings;
   settings.tolerance = options.tolerance;
   settings.max_order = options.max_order;
   settings.seed = options.seed;
   settings.scan = options.standardised ? posterior::ScanReach::near : posterior::ScanReach::wide;
   if (options.triangular) settings.orientation = posterior::Orientation::given;
-  posterior::MapSolver solver(settings);
-  FunctionDensity target(density);
-  const posterior::MapResult solved = solver.solve(target);
   posterior::Posterior r;
-  posterior::set_from_map(solved, solver.correct(target, solved), as_they_are, r);
-  r.maximum_a_posteriori = solved.mode;
-  TransportMap map(std::make_shared<TransportMap::Implementation>(
-      TransportMap::Implementation{posterior::MapDistribution(solved.composed()), r.trusted, r.remark}));
-  if (!r.trusted && !solved.second_mode_found && density.gradient && density.dimension > 1)
+  const std::optional<posterior::MapResult> solved = map_within_budget(target, settings, r);
+  const bool trusted = solved && r.trusted;
+  const std::string remark = r.remark;
+  target.limit_to(1);
+  if (solved && !trusted && !solved->second_mode_found && density.gradient && density.dimension > 1)
     answer_by_few_variables_first(target, options.seed, r);
-  return {std::move(map), plain(r)};
+  if (target.is_spent() && !(solved && r.trusted)) answer_by_draws(target, settings, solved.has_value(), r);
+  if (target.is_spent() && !r.trusted) r.remark += "; " + target.in_words();
+  TransportMap map(std::make_shared<TransportMap::Implementation>(TransportMap::Implementation{
+      posterior::MapDistribution(solved ? solved->composed() : gaussian_map(r)), trusted,
+      solved ? remark : "the budget was too small for a map: this is the Gaussian of the draws' moments"}));
+  MapSolution solution{std::move(map), plain(r)};
+  solution.posterior.evaluations = target.spent();
+  return solution;
 }
 
 }  // namespace knothe

@@ -32,6 +32,9 @@ struct MapOptions {
   /// The map is triangular in the given order of the variables: `conditional_sample` needs that. If
   /// false, it may be rotated to the principal axes, where a lower order is often enough.
   bool triangular = false;
+  /// Budget: values of the density that may be asked for, a gradient counting as four. 0: 100,000.
+  std::int64_t evaluations = 0;
+  double seconds = 0;  ///< time limit, kept like `evaluations`; 0: none
 };
 
 struct SampleMapOptions {
@@ -90,9 +93,11 @@ struct MapSolution {
 /// Finds the mode, then maps of rising order until one is good on points that were not used to train it, then
 /// weights its points. If no map is accurate enough and a gradient exists, the solver samples a few variables
 /// and treats the others as Gaussian given those; `remark` then says so. In many variables a low `max_order`
-/// saves time then. The density need not be normalised; its integral is the evidence. Errors:
-/// UsageError for a density without dimension or value, or, if it is `standardised`, with a gradient that is
-/// not its own, NumericalError for one that gives NaN or is zero wherever it was tried.
+/// saves time then. Where the budget ends before a map is trusted, the answer is that of the best map so far
+/// or of weighted draws, and `remark` says with what budget the same call goes on. The density need not be
+/// normalised; its integral is the evidence. Errors: UsageError for a density without dimension or value, or,
+/// if it is `standardised`, with a gradient that is not its own, and for a negative budget; NumericalError
+/// for one that gives NaN or is zero wherever it was tried, and for a budget too small for any answer.
 [[nodiscard]] KNOTHE_EXPORT MapSolution solve_map(const Density& density, const MapOptions& options = {});
 
 }  // namespace knothe

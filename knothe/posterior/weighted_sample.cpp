@@ -35,8 +35,11 @@ void WeightedSample::state_evidence(double log_evidence_of_weights) {
 }
 
 void ImportanceResult::state_errors(const Eigen::MatrixXd& variables, double tail) {
+  state_errors(standard_errors(variables, sample.weights), tail);
+}
+
+void ImportanceResult::state_errors(const MomentErrors& errors, double tail) {
   constexpr double k_finite_fourth_moment = 0.25, k_raised = 2;
-  const MomentErrors errors = standard_errors(variables, sample.weights);
   tail_shape = tail;
   mean_error = 4 * errors.mean;
   deviation_error = 4 * errors.deviation * (1 + k_raised * std::max(0.0, tail - k_finite_fourth_moment));
@@ -45,23 +48,30 @@ void ImportanceResult::state_errors(const Eigen::MatrixXd& variables, double tai
 
 double tail_shape_of(const Eigen::MatrixXd& variables, const Eigen::VectorXd& weights) {
   constexpr double k_tail = 2e-3;
-  constexpr int k_min_points = 20;
+  constexpr std::ptrdiff_t k_min_points = 20;
   double shape = 0;
-  std::vector<Eigen::Index> order(weights.size());
+  std::vector<std::pair<double, double>> all(weights.size());  // distance from the mean, weight
   for (Eigen::Index k = 0; k < variables.cols(); ++k) {
     const double mean = variables.col(k).dot(weights);
     for (const double side : {1.0, -1.0}) {
-      const auto distance = [&](Eigen::Index i) { return side * (variables(i, k) - mean); };
-      std::iota(order.begin(), order.end(), Eigen::Index{0});
-      std::sort(order.begin(), order.end(),
-                [&](Eigen::Index a, Eigen::Index b) { return distance(a) > distance(b); });
+      for (std::size_t i = 0; i < all.size(); ++i) all[i] = {side * (variables(i, k) - mean), weights[i]};
+      // Few of them are the tail: the outermost are put in order, more and more of them.
       double mass = 0;
-      auto last = order.begin();
-      for (; last != order.end() && mass < k_tail; ++last) mass += weights[*last];
-      if (last - order.begin() < k_min_points || last == order.end() || !(distance(*last) > 0)) continue;
+      auto last = all.begin(), sorted = all.begin();
+      while (last != all.end() && mass < k_tail) {
+        if (last == sorted) {
+          const auto more = std::max<std::ptrdiff_t>(64, 2 * (sorted - all.begin()));
+          sorted += std::min(more, all.end() - sorted);
+          std::partial_sort(last, sorted, all.end(), std::greater<>());
+        }
+        mass += (last++)->second;
+      }
+      if (last - all.begin() < k_min_points || last == all.end()) continue;
+      if (last == sorted) std::nth_element(last, last, all.end(), std::greater<>());
+      const double end = last->first;
+      if (!(end > 0)) continue;
       double sum = 0;
-      for (auto i = order.begin(); i != last; ++i)
-        sum += weights[*i] * std::log(distance(*i) / distance(*last));
+      for (auto i = all.begin(); i != last; ++i) sum += i->second * std::log(i->first / end);
       shape = std::max(shape, sum / mass);
     }
   }

@@ -46,6 +46,7 @@ struct ImportanceResult {
   /// `tail_shape_of` them; beyond ¼ a square has no variance, and its error is estimated too small: that of a
   /// standard deviation is raised by twice the excess.
   void state_errors(const Eigen::MatrixXd& variables, double tail = 0);
+  void state_errors(const MomentErrors& errors, double tail);
   /// Rounds go on until the errors are this share of the tolerances: they are estimates themselves.
   [[nodiscard]] bool is_done(double share = k_share_of_tolerance) const;
   static constexpr double k_share_of_tolerance = 0.8;

@@ -579,6 +579,48 @@ class Test(CaseInItsFolder):
         self.assertAlmostEqual(found.log_evidence, np.log(2 * np.pi * 0.4), delta=2e-3)
         self.assertLess(calls, 200_000)
 
+    def test_a_fit_ends_within_its_budget_or_its_time(self):
+        """With the best answer, its error, and how to go on."""
+        calls = 0
+
+        def exponential(p):
+            nonlocal calls
+            calls += 1
+            return -float(p[0] + p[1]) if p[0] >= 0 and p[1] >= 0 else -np.inf
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", knothe.UntrustedWarning)
+            little = knothe.fit(exponential, 2, evaluations=1500)
+            self.assertLessEqual(calls, 1500)
+            self.assertEqual(little.record["model_evaluations"], calls)
+            self.assertFalse(little.trusted)
+            self.assertIn("the budget of 1500 calls is spent: evaluations = 3000 goes on from here", little.remark)
+        calls = 0
+        found = knothe.fit(exponential, 2)
+        self.assertLessEqual(calls, 100_000)
+        self.assertTrue(found.trusted, found.remark)
+        np.testing.assert_allclose(found.mean, 1, atol=0.1)
+        np.testing.assert_allclose(found.std, 1, rtol=0.05)
+        self.assertFalse(found.map.trusted)
+        again = knothe.fit(exponential, 2)
+        np.testing.assert_array_equal(again.points, found.points)
+        slopes = 0
+
+        def gradient(p):
+            nonlocal slopes
+            slopes += 1
+            return ridge_gradient(p)
+        calls = 0
+        bent = knothe.fit(ridge, 2, gradient=gradient, evaluations=30_000)
+        self.assertTrue(bent.trusted and bent.map.trusted, bent.remark)
+        self.assertLessEqual(4 * slopes, bent.record["model_evaluations"])
+        self.assertLessEqual(bent.record["model_evaluations"], 30_000)
+        self.refused(knothe.NumericalError, "the budget of 3 calls is spent: evaluations = 6 goes on from here; there is no answer yet",
+                     call=lambda: knothe.fit(exponential, 2, evaluations=3))
+        self.refused(knothe.NumericalError, "the time of 1e-09 s is over: seconds = 2e-09 goes on from here; there is no answer yet",
+                     call=lambda: knothe.fit(exponential, 2, seconds=1e-9))
+        self.refused(knothe.UsageError, "-1 evaluations as budget: give an integer ≥ 0", call=lambda: knothe.fit(ridge, 2, evaluations=-1))
+        self.refused(knothe.UsageError, "a time limit is a finite number, 0 for none", call=lambda: knothe.fit(ridge, 2, seconds=-1.0))
+
     def test_the_map_of_samples_and_its_conditionals(self):
         draws = np.random.default_rng(2).standard_normal((5000, 2))
         draws[:, 1] = 0.8 * draws[:, 0] + 0.6 * draws[:, 1]

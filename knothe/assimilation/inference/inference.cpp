@@ -416,11 +416,11 @@ InferenceResult infer(PosteriorDensity& posterior, ModelEvaluator& evaluator,
                                    evaluator.budget(), 2 * evaluator.budget());
   r.computation = r.verdict;
   for (const std::string& doubt : r.doubts) r.verdict += " But " + doubt;
-  if (r.draws.size() == 0) {
+  if (r.draws.size() == 0 && options.makes_draws) {
     const Phase phase("draws", evaluator, r);
     r.draws = draws_of(r, posterior.transform(), options.samples);
   }
-  r.distinct_draws = distinct_rows(r.draws);
+  r.distinct_draws = r.draws.size() > 0 ? distinct_rows(r.draws) : options.samples;
   r.calls = evaluator.model().calls();
   return r;
 }

@@ -42,6 +42,8 @@ struct InferenceOptions {
   posterior::Method method = posterior::Method::automatic;
   posterior::MapSolverOptions map;  ///< tolerance, orders, seed, verification points
   Eigen::Index samples = 10000;     ///< draws left in the result; kept draws of chains
+  /// Whether draws that weigh the same are made of weighted points; else there are none in the result.
+  bool makes_draws = true;
   /// Calls that the model may be asked for, as `ModelEvaluator::spent` counts them. 0: 20,000, or twice
   /// `samples` if that is more; none for `mcmc`, and for a model that costs nothing.
   std::int64_t evaluations = 0;

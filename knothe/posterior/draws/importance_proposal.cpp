@@ -31,7 +31,7 @@ std::size_t ImportanceProposal::components() const {
   return n;
 }
 
-MixtureProduct ImportanceProposal::mixtures() const {
+MixtureProduct ImportanceProposal::mixtures(SupportEnds ends) const {
   std::vector<MixtureProduct::Factor> factors;
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     const auto d = std::ssize(groups_[g]);
@@ -41,7 +41,7 @@ MixtureProduct ImportanceProposal::mixtures() const {
     append(flattened_[g], shares_.flat, all);
     factors.push_back({groups_[g], Mixture(std::move(all), tails_)});
   }
-  return MixtureProduct(std::move(factors));
+  return MixtureProduct(std::move(factors), std::move(ends));
 }
 
 }  // namespace knothe::posterior

@@ -32,7 +32,7 @@ class ImportanceProposal {
   void fit(Groups groups, const WeightedPoints& target, const WeightedPoints& flattened);
 
   [[nodiscard]] std::size_t components() const;  ///< of the target's mixtures
-  [[nodiscard]] MixtureProduct mixtures() const;
+  [[nodiscard]] MixtureProduct mixtures(SupportEnds ends = {}) const;
 
  private:
   double tails_;

@@ -2,6 +2,8 @@
 /// @file Mixtures of Gaussians or of Student's t: where tempered particles begin, and what importance
 /// sampling draws from.
 #include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
 #include <limits>
 #include <vector>
 
@@ -9,6 +11,12 @@
 #include "knothe/posterior/random_numbers.hpp"
 
 namespace knothe::posterior {
+
+/// log(exp(a) + exp(b)); of zeros, −∞, too.
+[[nodiscard]] inline double log_sum(double a, double b) {
+  const double largest = std::max(a, b);
+  return std::isinf(largest) ? largest : largest + std::log1p(std::exp(-std::abs(a - b)));
+}
 
 struct MixtureComponent {
   double weight = 1;       ///< relative to the others

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "knothe/base/error.hpp"
@@ -33,7 +35,8 @@ double mean_square_contingency(const std::vector<int>& a, const std::vector<int>
 
 }  // namespace
 
-MixtureProduct::MixtureProduct(std::vector<Factor> factors) : factors_(std::move(factors)) {
+MixtureProduct::MixtureProduct(std::vector<Factor> factors, SupportEnds ends, Eigen::Index as_drawn)
+    : factors_(std::move(factors)), ends_(std::move(ends)), as_drawn_(as_drawn) {
   std::vector<Eigen::Index> all;
   for (const Factor& f : factors_) {
     if (std::ssize(f.coordinates) != f.mixture.dimension())
@@ -60,16 +63,70 @@ void MixtureProduct::sample(Eigen::Index n, RandomNumbers& random, Eigen::Matrix
       for (Eigen::Index i = 0; i < n; ++i) column[i] = own(order[i], k);
     }
   }
+  if (!is_folded()) return;
+  for (Eigen::Index k = 0; k < dimension_; ++k)
+    for (Eigen::Index i = 0; ends_.at(k) && i < n; ++i)
+      if (as_drawn_ == 0 || i % as_drawn_ != 0) points(i, k) = ends_.folded(points(i, k), k);
+}
+
+/// Of a point mirrored at the ends: the sum over all points that become it.
+void MixtureProduct::folded_log_density(const Factor& factor, const Eigen::MatrixXd& points,
+                                        Eigen::VectorXd& out) const {
+  constexpr double k_infinity = std::numeric_limits<double>::infinity();
+  // What a coordinate may have been: the same, inside, or its image, beyond an end.
+  struct Image {
+    double end, lower, upper;  ///< end: infinite for the same
+  };
+  std::vector<Eigen::Index> mirrored;
+  std::vector<std::vector<Image>> images;
+  for (Eigen::Index j = 0; j < std::ssize(factor.coordinates); ++j) {
+    const double lower = ends_.lower[factor.coordinates[j]], upper = ends_.upper[factor.coordinates[j]];
+    if (std::isinf(lower) && std::isinf(upper)) continue;
+    mirrored.push_back(j);
+    images.push_back({{k_infinity, lower, upper}});
+    if (std::isfinite(lower)) images.back().push_back({lower, -k_infinity, lower});
+    if (std::isfinite(upper)) images.back().push_back({upper, upper, k_infinity});
+  }
+  out.setConstant(points.rows(), -k_infinity);
+  Eigen::MatrixXd was = points;
+  Eigen::VectorXd part;
+  std::vector<std::size_t> which(mirrored.size(), 0);
+  for (std::size_t m = 0; m < which.size();) {
+    Eigen::Array<bool, Eigen::Dynamic, 1> possible =
+        Eigen::Array<bool, Eigen::Dynamic, 1>::Constant(points.rows(), true);
+    for (m = 0; m < which.size(); ++m) {
+      const Image& image = images[m][which[m]];
+      auto x = was.col(mirrored[m]).array();
+      x = points.col(mirrored[m]).array();
+      if (std::isfinite(image.end)) x = 2 * image.end - x;
+      possible = possible && x >= image.lower && x <= image.upper;
+    }
+    if (possible.any()) {
+      factor.mixture.log_density(was, part);
+      for (Eigen::Index i = 0; i < part.size(); ++i)
+        if (possible[i]) out[i] = log_sum(out[i], part[i]);
+    }
+    for (m = 0; m < which.size() && ++which[m] == images[m].size(); ++m) which[m] = 0;  // the next
+  }
 }
 
 void MixtureProduct::log_density(const Eigen::Ref<const Eigen::MatrixXd>& points,
                                  Eigen::VectorXd& out) const {
   out.setZero(points.rows());
-  Eigen::VectorXd part;
+  Eigen::VectorXd part, folded = out;
   for (const Factor& f : factors_) {
-    f.mixture.log_density(columns_of(points, f.coordinates), part);
+    const Eigen::MatrixXd own = columns_of(points, f.coordinates);
+    f.mixture.log_density(own, part);
     out += part;
+    if (!is_folded()) continue;
+    if (std::any_of(f.coordinates.begin(), f.coordinates.end(), [&](Eigen::Index k) { return ends_.at(k); }))
+      folded_log_density(f, own, part);
+    folded += part;
   }
+  if (!is_folded()) return;
+  const double share = as_drawn_ > 0 ? 1.0 / as_drawn_ : 0;
+  for (Eigen::Index i = 0; i < out.size(); ++i)
+    out[i] = log_sum(std::log(share) + out[i], std::log1p(-share) + folded[i]);
 }
 
 Eigen::MatrixXd columns_of(const Eigen::Ref<const Eigen::MatrixXd>& points,
@@ -80,8 +137,10 @@ Eigen::MatrixXd columns_of(const Eigen::Ref<const Eigen::MatrixXd>& points,
 }
 
 std::vector<std::vector<Eigen::Index>> dependent_groups(
-    std::initializer_list<std::reference_wrapper<const Eigen::MatrixXd>> samples) {
-  constexpr double k_dependent = 0.04;
+    std::initializer_list<std::reference_wrapper<const Eigen::MatrixXd>> samples, double worth) {
+  // n times the contingency of n independent points is χ² of 9 degrees of freedom: 9 ± 4.2.
+  constexpr double k_dependent = 0.04, k_by_chance = 9 + 4 * 4.2;
+  const double least = std::max(k_dependent, k_by_chance / worth);
   const Eigen::Index d = samples.begin()->get().cols();
   std::vector<std::vector<std::vector<int>>> quarter;  // of each sample, of each coordinate
   for (const Eigen::MatrixXd& sample : samples) {
@@ -90,7 +149,7 @@ std::vector<std::vector<Eigen::Index>> dependent_groups(
   }
   const auto depend = [&](Eigen::Index a, Eigen::Index b) {
     return std::any_of(quarter.begin(), quarter.end(),
-                       [&](const auto& of) { return mean_square_contingency(of[a], of[b]) > k_dependent; });
+                       [&](const auto& of) { return mean_square_contingency(of[a], of[b]) > least; });
   };
   std::vector<std::vector<Eigen::Index>> groups;
   for (Eigen::Index k = 0; k < d; ++k) {

@@ -3,9 +3,11 @@
 #include <Eigen/Core>
 #include <functional>
 #include <initializer_list>
+#include <limits>
 #include <vector>
 
 #include "knothe/posterior/draws/mixture.hpp"
+#include "knothe/posterior/draws/support_ends.hpp"
 
 namespace knothe::posterior {
 
@@ -18,8 +20,10 @@ class MixtureProduct {
     Mixture mixture;
   };
 
-  /// Errors: UsageError if the factors' coordinates are not 0 … d − 1, each once.
-  explicit MixtureProduct(std::vector<Factor> factors);
+  /// `ends`: of the support; what the mixtures draw beyond is mirrored there, but for one draw in `as_drawn`
+  /// (0: none), which finds out where they are wrong. Empty: none. Errors: UsageError if the factors'
+  /// coordinates are not 0 … d − 1, each once.
+  explicit MixtureProduct(std::vector<Factor> factors, SupportEnds ends = {}, Eigen::Index as_drawn = 20);
 
   [[nodiscard]] Eigen::Index dimension() const { return dimension_; }
   /// n × d; each factor's points are stratified and in an order of their own.
@@ -28,7 +32,12 @@ class MixtureProduct {
   void log_density(const Eigen::Ref<const Eigen::MatrixXd>& points, Eigen::VectorXd& out) const;
 
  private:
+  [[nodiscard]] bool is_folded() const { return ends_.lower.size() > 0 && ends_.any(); }
+  void folded_log_density(const Factor& factor, const Eigen::MatrixXd& points, Eigen::VectorXd& out) const;
+
   std::vector<Factor> factors_;
+  SupportEnds ends_;
+  Eigen::Index as_drawn_;
   Eigen::Index dimension_ = 0;
 };
 
@@ -37,8 +46,10 @@ class MixtureProduct {
                                          const std::vector<Eigen::Index>& columns);
 
 /// Coordinates in groups: two are in one where in one of the samples their ranks, cut into quarters, depend
-/// on each other (mean square contingency above 0.04), or both depend on a third. Each in ascending order.
+/// on each other (mean square contingency above 0.04, and above what as many independent points as the
+/// samples are `worth` would hardly show), or both depend on a third. Each in ascending order.
 [[nodiscard]] std::vector<std::vector<Eigen::Index>> dependent_groups(
-    std::initializer_list<std::reference_wrapper<const Eigen::MatrixXd>> samples);
+    std::initializer_list<std::reference_wrapper<const Eigen::MatrixXd>> samples,
+    double worth = std::numeric_limits<double>::infinity());
 
 }  // namespace knothe::posterior

@@ -93,5 +93,50 @@ TEST(DependentGroups, OneSampleThatShowsItIsEnough) {
   EXPECT_EQ(dependent_groups({apart, together}), (Groups{{0, 1}}));
 }
 
+TEST(DependentGroups, OfFewPointsAreNotMadeByChance) {
+  const Eigen::MatrixXd few = RandomNumbers(2).normals(30, 6), many = few.replicate(30, 1);
+  EXPECT_LT(dependent_groups({many}).size(), 6U);
+  EXPECT_EQ(dependent_groups({many}, 30).size(), 6U);
+  Eigen::MatrixXd line = many;
+  line.col(4) = line.col(1);
+  EXPECT_EQ(dependent_groups({line}, 30).size(), 5U);
+}
+
+/// Two coordinates in one factor, one of them with both ends, and one alone with a lower end.
+TEST(MixtureProduct, WhatIsMirroredAtEndsHasTheDensityOfItsDraws) {
+  std::vector<MixtureProduct::Factor> factors;
+  factors.push_back(
+      {{0, 1},
+       Mixture({component(0.6, Eigen::Vector2d(0.2, -1), 0.5), component(0.4, Eigen::Vector2d(0.9, 1), 0.3)},
+               8)});
+  factors.push_back({{2}, Mixture({component(1, Eigen::VectorXd::Constant(1, 0.5), 1)})});
+  SupportEnds ends = SupportEnds::none(3);
+  ends.lower[0] = 0, ends.upper[0] = 1, ends.lower[2] = 0;
+  const MixtureProduct q(std::move(factors), ends);
+  RandomNumbers random(5);
+  Eigen::MatrixXd drawn;
+  q.sample(40000, random, drawn);
+  const auto in_box = [](const auto& x) {
+    return x.col(0).array() > 0.1 && x.col(0).array() < 0.5 && x.col(1).array() > -1.5 &&
+           x.col(1).array() < 0 && x.col(2).array() > 0 && x.col(2).array() < 1;
+  };
+  // The density's integral over a box is the share of the draws there; that over all space is 1.
+  const Eigen::Index n = 200000;
+  Eigen::MatrixXd even(n, 3);
+  for (Eigen::Index i = 0; i < n; ++i)
+    for (Eigen::Index k = 0; k < 3; ++k) even(i, k) = -8 + 16 * random.uniform();
+  Eigen::MatrixXd inside = even;
+  inside.col(0) = (0.1 + 0.4 * (even.col(0).array() + 8) / 16).matrix();
+  inside.col(1) = (-1.5 + 1.5 * (even.col(1).array() + 8) / 16).matrix();
+  inside.col(2) = ((even.col(2).array() + 8) / 16).matrix();
+  Eigen::VectorXd log_density;
+  q.log_density(inside, log_density);
+  EXPECT_NEAR(0.4 * 1.5 * log_density.array().exp().mean(), in_box(drawn).cast<double>().mean(), 0.008);
+  q.log_density(even, log_density);
+  EXPECT_NEAR(std::pow(16, 3) * log_density.array().exp().mean(), 1, 0.05);
+  // One draw in twenty is left beyond the ends, if it is there.
+  EXPECT_NEAR((drawn.col(2).array() < 0).cast<double>().mean(), 0.05 * 0.3085, 0.003);
+}
+
 }  // namespace
 }  // namespace knothe::posterior

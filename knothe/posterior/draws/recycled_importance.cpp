@@ -12,8 +12,11 @@
 #include "knothe/numerics/statistics/weighted_statistics.hpp"
 #include "knothe/posterior/budget_spent.hpp"
 #include "knothe/posterior/checked_density.hpp"
+#include "knothe/posterior/draws/control_variates.hpp"
 #include "knothe/posterior/draws/importance_proposal.hpp"
+#include "knothe/posterior/draws/mixture_fit.hpp"
 #include "knothe/posterior/draws/outward_walks.hpp"
+#include "knothe/posterior/draws/support_ends.hpp"
 #include "knothe/posterior/mode_search.hpp"
 
 namespace knothe::posterior {
@@ -44,10 +47,6 @@ Eigen::Index flat_walks(Eigen::Index d) {
 }
 /// Points that a fit looks at, and those that dependence of coordinates is judged by.
 constexpr Eigen::Index k_fit_points = 2048, k_group_points = 1024;
-double log_sum(double a, double b) {
-  const double largest = std::max(a, b);
-  return largest == -k_infinity ? largest : largest + std::log1p(std::exp(-std::abs(a - b)));
-}
 
 MixtureProduct of_all(const Mixture& mixture) {
   std::vector<Eigen::Index> all(mixture.dimension());
@@ -91,6 +90,11 @@ class Draws {
 
   [[nodiscard]] Eigen::Index size() const { return points_.rows(); }
   [[nodiscard]] const Eigen::MatrixXd& points() const { return points_; }
+  [[nodiscard]] const Eigen::VectorXd& log_target() const { return log_target_; }
+  /// Of the mixture of all proposals.
+  [[nodiscard]] Eigen::VectorXd log_proposal() const {
+    return (log_drawn_.array() - std::log(size())).matrix();
+  }
   /// Of draws made at these points, log π̄ given: log of their normalised weights.
   [[nodiscard]] Eigen::VectorXd log_weights_at(const Eigen::MatrixXd& points,
                                                const Eigen::VectorXd& log_target) const {
@@ -212,25 +216,65 @@ Eigen::VectorXd emphasis(const Eigen::MatrixXd& variables, const Eigen::VectorXd
   return 1 + sum / std::max(of_all, std::numeric_limits<double>::min());
 }
 
+/// Of the support's ends those that much of the mass lies at, at most three in a group: there are as many
+/// images of a draw as there are ways to mirror it.
+SupportEnds pressed(const SupportEnds& ends, const WeightedPoints& target, const Groups& groups) {
+  constexpr double k_near = 0.5, k_mass = 0.05;  // standard deviations, share
+  constexpr int k_max_mirrored = 3;
+  SupportEnds some = SupportEnds::none(target.points.cols());
+  if (!ends.any()) return some;
+  for (const auto& group : groups) {
+    int count = 0;
+    for (const Eigen::Index k : group) {
+      const auto x = target.points.col(k).array();
+      const double mean = x.matrix().dot(target.weights),
+                   near = k_near * std::sqrt((x - mean).square().matrix().dot(target.weights));
+      const auto mass = [&](const auto& at_end) {
+        return at_end.template cast<double>().matrix().dot(target.weights);
+      };
+      if (count < k_max_mirrored && mass(x < ends.lower[k] + near) > k_mass)
+        some.lower[k] = ends.lower[k], ++count;
+      if (count < k_max_mirrored && mass(x > ends.upper[k] - near) > k_mass)
+        some.upper[k] = ends.upper[k], ++count;
+    }
+  }
+  return some;
+}
+
+/// Half of the points, mirrored at the nearer end: what is fitted to has no end there.
+void mirror_half(const SupportEnds& ends, RandomNumbers& random, Eigen::MatrixXd& points) {
+  for (Eigen::Index k = 0; k < points.cols(); ++k)
+    for (Eigen::Index i = 0; ends.at(k) && i < points.rows(); ++i) {
+      const double x = points(i, k);
+      const bool is_low = x - ends.lower[k] < ends.upper[k] - x;
+      if (random.uniform() < 0.5) points(i, k) = 2 * (is_low ? ends.lower : ends.upper)[k] - x;
+    }
+}
+
 /// `enough`: what the weights of the flattened target have to be worth, else there is none: behind a prior
 /// far away it may be where no draws are.
-MixtureProduct fitted(const Draws& draws, double beta, double enough,
+MixtureProduct fitted(const Draws& draws, double beta, double enough, const SupportEnds& all_ends,
                       const RecycledImportanceOptions& options) {
   const std::uint64_t seed = options.seed;
   const double flat_beta = draws.weigh(k_flat * beta).effective_size >= enough ? k_flat * beta : beta;
   const Eigen::VectorXd factor = emphasis(variables_of(draws, options), draws.weigh(beta).values);
-  const WeightedPoints target = draws.at(beta, factor, k_fit_points, seed),
-                       flat = draws.at(flat_beta, Eigen::VectorXd::Ones(draws.size()), k_fit_points, seed);
+  WeightedPoints target = draws.at(beta, factor, k_fit_points, seed),
+                 flat = draws.at(flat_beta, Eigen::VectorXd::Ones(draws.size()), k_fit_points, seed);
   const Eigen::MatrixXd even = numerics::resample(target.points, target.weights, k_group_points, seed),
                         even_flat = numerics::resample(flat.points, flat.weights, k_group_points, seed);
-  Groups groups = dependent_groups({even, even_flat});
+  Groups groups = dependent_groups({even, even_flat},
+                                   1 / std::max(target.weights.squaredNorm(), flat.weights.squaredNorm()));
   // Of many groups each needs less: the weights of a draw multiply.
   ImportanceProposal::Shares shares{k_flat_share};
   shares.flat /= std::sqrt(groups.size());
   shares.reference /= std::sqrt(groups.size());
+  const SupportEnds ends = pressed(all_ends, target, groups);
+  RandomNumbers random(seed);
+  mirror_half(ends, random, target.points);
+  mirror_half(ends, random, flat.points);
   ImportanceProposal proposal(k_tails, shares);
   proposal.fit(std::move(groups), target, flat);
-  return proposal.mixtures();
+  return proposal.mixtures(ends);
 }
 
 void state(const Draws& draws, const RecycledImportanceOptions& options, RecycledImportanceResult& r) {
@@ -241,6 +285,33 @@ void state(const Draws& draws, const RecycledImportanceOptions& options, Recycle
   const Eigen::MatrixXd variables = variables_of(draws, options);
   r.state_errors(variables, options.looks_beyond ? tail_shape_of(variables, weights.values) : 0);
   r.converged = r.converged && r.temperatures.back() == 1;
+}
+
+/// At the end of the budget: errors that are too large are lowered by a fit to the draws, whose moments are
+/// known.
+void sharpen(const Draws& draws, const SupportEnds& all_ends, const RecycledImportanceOptions& options,
+             RecycledImportanceResult& r) {
+  constexpr Eigen::Index k_points = 8192;
+  WeightedPoints target = draws.at(1, Eigen::VectorXd::Ones(draws.size()), k_points, options.seed);
+  const Eigen::MatrixXd even =
+      numerics::resample(target.points, target.weights, k_group_points, options.seed);
+  const Groups groups = dependent_groups({even}, 1 / target.weights.squaredNorm());
+  const SupportEnds ends = pressed(all_ends, target, groups);
+  RandomNumbers random(options.seed);
+  mirror_half(ends, random, target.points);
+  std::vector<MixtureProduct::Factor> factors;
+  for (const auto& group : groups)
+    factors.push_back({group, Mixture(fit_mixture(columns_of(target.points, group), target.weights))});
+  const Eigen::MatrixXd variables = variables_of(draws, options);
+  const MixtureProduct close(std::move(factors), ends, 0);
+  const auto calibrated =
+      calibrate(control_variates(close, draws.points(), draws.log_proposal(), options.variables, random),
+                r.sample.weights, variables);
+  if (!calibrated) return;
+  const double log_evidence = r.sample.log_evidence;
+  r.sample.weights = calibrated->weights;
+  r.sample.state_evidence(log_evidence);
+  r.state_errors(calibrated->errors, r.tail_shape);
 }
 
 /// The modes that are known and those that ascents lead to; these fail, or are too many: then draws go on
@@ -333,6 +404,7 @@ RecycledImportanceResult recycled_importance(LogDensity& user_target,
         fmt::format("smc: the density is zero at all {} first draws from N(0, I)", draws.size()));
   RecycledImportanceResult result;
   bool ascended = false;
+  std::optional<SupportEnds> ends;
   Looks looks;
   try {
     if (const double beta = draws.next_temperature(enough);
@@ -345,6 +417,7 @@ RecycledImportanceResult recycled_importance(LogDensity& user_target,
       result.temperatures.push_back(beta);
       state(draws, options, result);
       const bool is_good = result.is_done(options.share_of_tolerance);
+      if (!result.converged && beta == 1 && ends && !affordable()) sharpen(draws, *ends, options, result);
       if (!affordable() || (options.looks_beyond ? looks.is_due(result, is_good, draws.size()) : is_good)) {
         if (!options.looks_beyond || !(result.converged || affordable())) break;
         result.mass_beyond = looks.count > 0;  // until it is seen that nothing is left
@@ -372,9 +445,11 @@ RecycledImportanceResult recycled_importance(LogDensity& user_target,
         if (!affordable()) break;
         if (!modes.empty()) add_around(around(modes), some);
       } else {
-        draws.add(target,
-                  can_fit ? fitted(draws, beta, enough / 3, options) : of_all(Mixture::standard_normal(d)),
-                  in_a_round(), random);
+        if (!ends && can_fit) ends = find_support_ends(target, draws.points(), draws.log_target());
+        draws.add(
+            target,
+            can_fit ? fitted(draws, beta, enough / 3, *ends, options) : of_all(Mixture::standard_normal(d)),
+            in_a_round(), random);
       }
       looks.go_on();
     }

@@ -32,7 +32,7 @@ class KnownMixture final : public LogDensity {
       v += part.weight * (part.lower.rowwise().squaredNorm() + (part.centre - mean()).cwiseAbs2());
     return v;
   }
-  Mixture mixture;
+  posterior::Mixture mixture;
 
  private:
   double log_evidence_;
