@@ -120,11 +120,11 @@ class Twin {
   }
   /// As `knothe assimilate` writes posterior.nc, of all steps with data.
   void write_posterior(const std::string& path, Eigen::Index draws) {
-    if (engine_->data().steps().empty()) throw UsageError("no datum has been assimilated yet");
+    if (!engine_->last_step()) throw UsageError("no datum has been assimilated yet");
     const model::ObservedModel& model = engine_->model();
     std::vector<record::KeptStep> steps;
     assimilation::RunVerdict run;
-    for (const auto& [step, data] : engine_->data().steps()) {
+    for (const std::size_t step : engine_->data().step_numbers()) {
       steps.push_back(record::retain_step(result(step)->step, engine_->last_datum(step), &model));
       run.add(steps.back().result.verdict);
     }
@@ -134,7 +134,7 @@ class Twin {
   /// Of all steps: what the last line of `knothe assimilate` says.
   [[nodiscard]] std::string run_verdict() {
     assimilation::RunVerdict run;
-    for (const auto& [step, data] : engine_->data().steps()) run.add(result(step)->step.update.verdict);
+    for (const std::size_t step : engine_->data().step_numbers()) run.add(result(step)->step.update.verdict);
     return files::json_line(record::verdict_record(run.verdict()));
   }
   [[nodiscard]] std::optional<likelihood::Datum> next() {

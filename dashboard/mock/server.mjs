@@ -346,7 +346,7 @@ export class MockService {
     if (switches) this.off = [...this.off.filter((k) => k !== body.sensor), ...(body.active ? [] : [body.sensor])];
     const entry = {
       number: this.logbook.length + 1,
-      kind: alarm ? "acknowledgement" : switches ? `sensor_${body.active ? "on" : "off"}` : "note",
+      kind: alarm ? "acknowledgement" : switches ? `sensor_${body.active ? "on" : "off"}` : (body.kind ?? "note"),
       time: this.known.find((line) => line.step === body.step)?.time ?? 0,
       by: body.by,
       text: body.text ?? body.comment,
@@ -428,7 +428,10 @@ export class MockService {
       request.on("end", () => {
         const { pathname } = url;
         if (pathname === "/v1/quarantine" || pathname === "/v1/withdraw") {
-          this.held = this.held.filter((h) => h.seq !== JSON.parse(body).seq);
+          const { source, session, seq, by, comment } = JSON.parse(body);
+          const kind = pathname === "/v1/withdraw" ? "withdrawn" : "released";
+          this.held = this.held.filter((h) => h.seq !== seq);
+          this.write(pathname, { by, kind, text: `${source}, ${session}, ${seq} ${kind} from quarantine: ${comment}` });
           for (const reader of this.readers) reader.write(this.statusEvent());
           return send(200, JSON.stringify({ accepted: true }));
         }

@@ -96,10 +96,8 @@ export class Api {
 
   /** Assimilates a datum in quarantine after all, or takes it out for ever; who did it stands in the logbook. */
   async decide(what: "release" | "withdraw", held: Held, by: string, why: string): Promise<void> {
-    const { source, session, seq, step } = held;
-    await this.post(what === "release" ? "v1/quarantine" : "v1/withdraw", { source, session, seq });
-    const done = what === "release" ? "released from quarantine" : "withdrawn from quarantine";
-    await this.note(step, by, `${source}, ${session}, ${seq} ${done}${why ? `: ${why}` : ""}`);
+    const { source, session, seq } = held;
+    await this.post(what === "release" ? "v1/quarantine" : "v1/withdraw", { source, session, seq, by, comment: why });
   }
 
   async note(step: number, by: string, text: string): Promise<void> {

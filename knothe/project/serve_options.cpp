@@ -42,6 +42,10 @@ void add_connection_options(Section<S>& s) {
   s.add("read_token", &S::read_token, "File with the bearer token that reading needs.", file);
   s.add("ingest_token", &S::ingest_token, "File with the bearer token that sending measurements needs.",
         file);
+  s.add("tokens", &S::tokens,
+        "File with bearer tokens of people and machines, a line each: `NAME TOKEN`, or `NAME TOKEN read` for "
+        "one that may only read. Requests are signed by that name, and reading needs a token too.",
+        file);
   s.add("max_body", &S::max_body, "Largest body of a request, bytes.", at_least(1024));
   s.add("max_connections", &S::max_connections, "Connections open at a time.", at_least(1));
   s.add("timeout", &S::timeout, "Time that a request may take to arrive, s.", positive);

@@ -50,9 +50,9 @@ struct ServeOptions {
   std::optional<double> period, budget, stale_after;  ///< s
   std::string watch_pictures, watch_csv;              ///< folders, resolved; empty: none
   long first_picture = 0;
-  double settle = 0.5;                   ///< s
-  std::string read_token, ingest_token;  ///< files, resolved; empty: none
-  long max_body = 8 << 20;               ///< bytes
+  double settle = 0.5;                           ///< s
+  std::string read_token, ingest_token, tokens;  ///< files, resolved; empty: none
+  long max_body = 8 << 20;                       ///< bytes
   int max_connections = 1024;
   double timeout = 30;     ///< s
   bool log_steps = false;  ///< else starts, stops, errors and states alone

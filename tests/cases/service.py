@@ -613,6 +613,40 @@ time_drift_std = 0.02
         self.expect_stored(service.post("/v1/measurements", self.data[0], Authorization="Bearer send-token-of-32-characters-xxxx"), 0)
         self.assertEqual(service.post("/v1/withdraw", self.key_of(self.data[0]), Authorization="Bearer send-token-of-32-characters-xxxx")[0], 200)
 
+    def test_a_token_with_a_name_signs_what_is_done_with_it(self):
+        tokens = {"Ada": "ada-token-of-32-characters-xxxxx", "Bob": "bob-token-of-32-characters-xxxxx", "wall": "wall-token-of-32-characters-xxxx"}
+        file = self.folder / "tokens"
+        file.write_text("# who may do what\n" + "".join(f"{name} {token}{' read' * (name == 'wall')}\n" for name, token in tokens.items()))
+        self.project.write_text(self.project.read_text() + '\n[serve]\ntokens = "tokens"\nwindow = 0\n')
+        file.chmod(0o644)
+        self.expect(3, "serve", self.project_name, "--port", "0", stderr=["assimilation.toml:", "chmod o="])
+        file.chmod(0o600)
+        service = self.serve()
+        as_one = lambda name: {"Authorization": f"Bearer {tokens[name]}"}
+        self.expect_error(service.get("/v1/status"), 401, "Unauthorized")
+        self.expect_error(service.send(self.data[0]), 401, "Unauthorized")
+        self.assertEqual(service.get("/v1/status", **as_one("wall"))[0], 200)
+        self.expect_error(service.post("/v1/measurements", self.data[0], **as_one("wall")), 401, "Unauthorized")
+        for datum in (self.data[0], self.data[2], self.data[1]):  # the last is late
+            self.assertEqual(service.post("/v1/measurements", datum, **as_one("Ada"))[0], 200)
+        signed = service.post("/v1/notes", {"text": "begun"}, **as_one("Ada"))
+        self.assertEqual((signed[0], signed[1]["by"]), (200, "Ada"))
+        self.assertEqual(service.post("/v1/notes", {"by": "Ada", "text": "still"}, **as_one("Ada"))[0], 200)
+        for path, body in (("/v1/notes", {"text": "x"}), ("/v1/withdraw", self.key_of(self.data[0])), ("/v1/quarantine", self.key_of(self.data[1]))):
+            refused = service.post(path, {**body, "by": "Bob"}, **as_one("Ada"))
+            self.expect_error(refused, 403, "OtherName")
+            self.assertIn('"by" must be "Ada", or left out', refused[1]["error"]["message"])
+        self.assertEqual(service.post("/v1/quarantine", {**self.key_of(self.data[1]), "comment": "it is right"}, **as_one("Bob"))[0], 200)
+        for _ in range(2):  # what is done already is not signed again
+            self.assertEqual(service.post("/v1/withdraw", self.key_of(self.data[0]), **as_one("Bob"))[0], 200)
+        service.stop()
+        service.start()
+        entries = service.get("/v1/logbook", **as_one("wall"))[1]["logbook"]
+        self.assertEqual(
+            [(entry["kind"], entry["by"], entry["text"], entry.get("record")) for entry in entries[2:]],
+            [("released", "Bob", "camera, s, 1 released from quarantine: it is right", 3), ("withdrawn", "Bob", "camera, s, 0 withdrawn", 1)],
+        )
+
     def test_other_addresses_need_tokens(self):
         self.project.write_text(self.project.read_text() + '\n[serve]\naddress = "0.0.0.0"\n')
         self.expect(3, "serve", self.project_name, "--port", "0", stderr=["assimilation.toml:", "serve.read_token"])

@@ -1,5 +1,6 @@
 """`knothe serve`: that nothing is lost, whatever happens to it."""
 import http.client
+import json
 import math
 import os
 import pathlib
@@ -14,7 +15,7 @@ import time
 import unittest
 
 import analytic_model
-from service_support import Events, ServiceCase, comparable
+from service_support import Broker, Events, ServiceCase, comparable
 from support import parse_line
 
 
@@ -111,8 +112,8 @@ class Test(ServiceCase):
         self.assertEqual(expected[-1]["verdict"]["level"], "ok")
 
     def test_any_sequence_of_requests_files_and_kills_gives_the_lines_of_a_batch_run(self):
-        """Sent, repeated, contradicted, withdrawn, sent again, left as files, killed, stopped: whenever it is asked, the lines are those of
-        `assimilate` on the data that are left, to the bit. A few sequences, an hour of them at night."""
+        """Sent by HTTP and MQTT, repeated, contradicted, withdrawn either way, sent again, left as files, killed, stopped: whenever it is
+        asked, the lines are those of `assimilate` on the data that are left, to the bit. A few sequences, an hour of them at night."""
         header, *rows = (self.folder / "data.csv").read_text().splitlines()
         place = header.split(",").index("time")
         rows_of = lambda k: [row for row in rows if float(row.split(",")[place]) == self.data[k]["time"]]
@@ -121,9 +122,12 @@ class Test(ServiceCase):
         (self.folder / "batch.toml").write_text(self.project.read_text().replace('data = "data.h5"', 'data = "left.csv"').replace('"results/"', '"batch/"'))
         tables = self.folder / "tables"
         tables.mkdir()
-        service = self.serve(extra='watch_csv = "tables/"\nsettle = 0.05\nwindow = 1000\n')
+        broker = Broker(self.folder)
+        self.addCleanup(broker.stop)
+        answers = broker.listen("knothe/v1/assimilation/camera/answer")
+        service = self.serve(extra=f'watch_csv = "tables/"\nsettle = 0.05\nwindow = 1000\n[serve.mqtt]\nbroker = "127.0.0.1:{broker.port}"\n')
         for seed in range(int(os.environ.get("KNOTHE_SEQUENCES", "3"))):
-            chance, left, withdrawn, log = random.Random(seed), set(), set(), []
+            chance, left, withdrawn, replaced, log = random.Random(seed), set(), set(), set(), []
 
             def told(request, *arguments):
                 """Its answer; where the service dies first, that of the same request again after a restart."""
@@ -146,7 +150,44 @@ class Test(ServiceCase):
                 answer = told(service.send, self.data[k])
                 self.assertEqual(answer[0], 200, (seed, log, answer))
                 left.add(k)
+                if k in withdrawn:
+                    replaced.add(k)
                 withdrawn.discard(k)
+
+            def publish(what, body):
+                """A message and its answer; where the service dies in between, the broker brings it again, be it handled or not."""
+                send = lambda what, body: broker.publish(f"knothe/v1/assimilation/camera/{what}", json.dumps(body).encode())
+                if chance.random() >= 0.3:
+                    send(what, body)
+                    return json.loads(answers.get(timeout=60))
+                log.append("kill")
+                stop = threading.Timer(0.02 * chance.random(), service.kill)
+                stop.start()
+                send(what, body)
+                stop.join()
+                service.start()
+                send("withdraw", {"source": "camera", "session": f"end {len(log)}", "seq": 0})  # behind all that come again
+                said = []
+                while f"end {len(log)}" not in (text := answers.get(timeout=60).decode()):
+                    said.append(json.loads(text))
+                return said[0]
+
+            def send_by_mqtt(k):
+                answer = publish("data", self.data[k])
+                if k in withdrawn:  # as far as anybody can tell it is the broker that repeats it
+                    self.assertIn("does not restore it", answer["error"]["message"], (seed, log, answer))
+                else:
+                    self.assertTrue(answer.get("accepted"), (seed, log, answer))
+                    left.add(k)
+
+            def withdraw_by_mqtt(k):
+                answer = publish("withdraw", key_of(k))
+                if k in replaced and k in left:
+                    self.assertIn("its replacement stays", answer["error"]["message"], (seed, log, answer))
+                elif k in left:
+                    self.assertTrue(answer.get("withdrawn"), (seed, log, answer))
+                    left.remove(k)
+                    withdrawn.add(k)
 
             def contradict(k):
                 other = {**self.data[k], "values": [value + 1e-7 for value in self.data[k]["values"]]}
@@ -183,7 +224,7 @@ class Test(ServiceCase):
                 lines = self.expect(0, "assimilate", "batch.toml", "--json").lines()[:-1]
                 self.assertEqual([without_step(line) for line in service.states()], [without_step(line) for line in lines], (seed, log))
 
-            actions = [send] * 8 + [withdraw] * 4 + [leave_file] * 2 + [contradict, ask_nonsense, restart, compare]
+            actions = [send] * 8 + [withdraw] * 4 + [send_by_mqtt] * 3 + [withdraw_by_mqtt] * 2 + [leave_file] * 2 + [contradict, ask_nonsense, restart, compare]
             for _ in range(40):
                 action, k = chance.choice(actions), chance.choice(by_http)
                 log.append(f"{action.__name__} {k}")

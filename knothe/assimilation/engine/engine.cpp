@@ -26,13 +26,19 @@ Engine::Engine(EngineSetup setup)
                 std::exchange(setup_.known_errors, {}), setup_.update.monitor, setup_.axes) {
   for (const CandidateModel& candidate : setup_.candidates)
     candidates_.push_back(make_method(candidate.problem));
+  if (setup_.archive.empty()) return;
+  data_->set_archive(setup_.archive);
+  const auto recall = [data = data_](std::size_t step) { return data->at(step); };
+  method_->set_recall(recall, setup_.kept_in_memory);
+  for (const auto& candidate : candidates_) candidate->set_recall(recall, setup_.kept_in_memory);
 }
 
 Engine Engine::with_setup(EngineSetup setup) const {
   setup.update = setup_.update;
   setup.corrected_steps = setup_.corrected_steps;
   Engine other(std::move(setup));
-  for (const likelihood::DatumPointer& datum : data_.all()) other.add(datum);
+  if (const auto last = data_->last_step())
+    data_->for_each(std::nullopt, *last, [&](const likelihood::DatumPointer& datum) { other.add(datum); });
   return other;
 }
 
@@ -61,7 +67,7 @@ void Engine::add(const Datum& datum) {
 void Engine::add(const likelihood::DatumPointer& kept) {
   const Datum& datum = *kept;
   require_fits(datum);
-  if (!data_.add(kept)) return;
+  if (!data_->add(kept)) return;
   std::vector<PosteriorMethod*> added;  // who has it, if a later one refuses it
   const auto add_to = [&](PosteriorMethod& method, std::size_t time_index) {
     method.add(kept, time_index);
@@ -73,34 +79,49 @@ void Engine::add(const likelihood::DatumPointer& kept) {
       add_to(*candidates_[k], setup_.candidates[k].time_indices.at(datum.time_index));
   } catch (...) {
     for (PosteriorMethod* method : added) method->withdraw(datum.step, datum.key);
-    data_.withdraw(datum.step, datum.key);
+    data_->withdraw(datum.step, datum.key);
     throw;
   }
   mark_changed(datum.step);
+  release_memory();
 }
 
 bool Engine::withdraw(std::size_t step, const DatumKey& key) {
-  if (!data_.withdraw(step, key)) return false;
+  if (!data_->contains(step, key)) return false;
   method_->withdraw(step, key);
   for (const auto& candidate : candidates_) candidate->withdraw(step, key);
-  if (data_.count(step) == 0) stale_.erase(step);
+  data_->withdraw(step, key);
+  if (data_->count(step) == 0) stale_.erase(step);
   mark_changed(step);
   return true;
 }
 
+/// Only data near the step whose turn it is are in memory.
+void Engine::release_memory() {
+  const std::size_t kept = setup_.kept_in_memory;
+  if (!data_->has_archive() || data_->in_memory() < std::max(4 * kept, release_from_)) return;
+  const std::size_t at = stale_.empty() ? *data_->last_step() : *stale_.begin();
+  data_->keep_in_memory(at - std::min(at, kept), at + kept);
+  release_from_ = 2 * data_->in_memory();
+}
+
 void Engine::mark_changed(std::size_t step) {
-  for (auto it = data_.steps().lower_bound(step); it != data_.steps().end(); ++it) stale_.insert(it->first);
+  for (auto at = data_->step_from(step); at; at = data_->step_from(*at + 1)) stale_.insert(*at);
   setup_.scores.forget_from(step);
   assessor_.forget_from(step);
   while (!examined_.empty() && examined_.back()->step >= step) examined_.pop_back();
   if (!watched_ || *watched_ < step) return;
-  watch_ = likelihood::SensorWatch(setup_.noise);
+  watch_before_.forget_after(step);
+  const auto* milestone = watch_before_.last_up_to(step);
+  watch_ = milestone != nullptr ? milestone->second : likelihood::SensorWatch(setup_.noise);
   watched_.reset();
+  if (milestone != nullptr && milestone->first > 0) watched_ = milestone->first - 1;
 }
 
 StepResult Engine::posterior_at(std::size_t step) {
   stale_.erase(step);
-  const likelihood::DatumPointer last = data_.last(step);
+  release_memory();
+  const likelihood::DatumPointer last = data_->last(step);
   auto scores = setup_.scores.score(step, last->time_index, last->values);
   StepResult result = result_of(method_->posterior_at(step));
   result.scores = std::move(scores);
@@ -141,29 +162,36 @@ std::vector<NamedForecast> Engine::published_forecasts(const StepResult& result)
 }
 
 void Engine::watch_sensors(std::size_t step, StepResult& result) {
-  const auto& steps = data_.steps();
-  for (auto it = watched_ ? steps.upper_bound(*watched_) : steps.begin();
-       it != steps.end() && it->first <= step; ++it) {
-    const likelihood::Datum& last = *it->second.rbegin()->second;
-    watch_.observe(last.values, setup_.model->predict(centre_, last.time_index));
+  const std::size_t first = watched_ ? *watched_ + 1 : 0;
+  for (auto at = data_->step_from(first); at && *at <= step; at = data_->step_from(*at + 1)) {
+    if (watch_before_.wants(*at)) watch_before_.save(*at, watch_);
+    const likelihood::DatumPointer last = data_->last(*at);
+    watch_.observe(last->values, setup_.model->predict(centre_, last->time_index));
   }
   watched_ = step;
   result.stuck = watch_.stuck();
   result.absent = watch_.absent();
 }
 
-/// All data up to `step`, in the order of the steps.
-std::span<const likelihood::DatumPointer> Engine::data_up_to(std::size_t step) {
+/// The last data up to `step`, as many as the verdict examines and some more, in the order of the steps.
+std::span<const likelihood::DatumPointer> Engine::recent_data(std::size_t step) {
+  const std::size_t first = data_->step_of_last(VerdictOptions().examined, step);
   while (!examined_.empty() && examined_.back()->step > step) examined_.pop_back();
-  const auto seen = examined_.empty() ? std::nullopt : std::optional(examined_.back()->step);
-  for (likelihood::DatumPointer& datum : data_.between(seen, step)) examined_.push_back(std::move(datum));
+  if (examined_.empty() || examined_.front()->step > first || examined_.back()->step < first) {
+    examined_ = data_->between(first == 0 ? std::nullopt : std::optional(first - 1), step);
+    return examined_;
+  }
+  for (likelihood::DatumPointer& datum : data_->between(examined_.back()->step, step))
+    examined_.push_back(std::move(datum));
+  if (examined_.size() > 4 * VerdictOptions().examined)
+    std::erase_if(examined_, [&](const likelihood::DatumPointer& datum) { return datum->step < first; });
   return examined_;
 }
 
 /// Says whether the result may be used.
 void Engine::assess(std::size_t step, StepResult& result) {
   const auto start = monotonic_now();
-  auto data = data_up_to(step);
+  std::size_t first = 0;  // of the data that still count
   const SequentialUpdate* update = result.followed ? method_->update() : nullptr;
   std::optional<likelihood::PosteriorFunctions> made;
   if (update == nullptr)
@@ -176,16 +204,16 @@ void Engine::assess(std::size_t step, StepResult& result) {
     result.lasting_errors =
         estimated_errors(setup_.noise.lasting(), any->lasting_errors(), posterior.functions);
   posterior.lasting_errors = result.lasting_errors;
-  posterior.corrected = update != nullptr && update->is_corrected();
+  posterior.corrected = update != nullptr && !update->corrected_steps().empty();
   if (method_->changes().possible()) {
-    std::vector<std::size_t> steps;
-    for (const likelihood::DatumPointer& datum : data) steps.push_back(datum->step);
-    data = data.subspan(method_->changes().count_forgotten(steps));
+    std::vector<std::size_t> steps = data_->step_numbers();
+    while (steps.back() > step) steps.pop_back();
+    first = steps[method_->changes().count_forgotten(steps)];
     assessor_.forget_from(0);
   } else if (update != nullptr) {
     posterior.all_data = &update->sums();
   }
-  result.update.verdict = assessor_.assess(posterior, data);
+  result.update.verdict = assessor_.assess(posterior, {recent_data(step), *data_, first, step});
   result.update.elapsed_us.verdict = microseconds_since(start);
 }
 
@@ -224,7 +252,7 @@ void Engine::compare_models(std::size_t step, StepResult& result) {
 }
 
 Datum Engine::last_datum(std::size_t step) const {
-  const likelihood::DatumPointer last = data_.last(step);
+  const likelihood::DatumPointer last = data_->last(step);
   if (!last) throw UsageError(fmt::format("step {} has no data", step));
   Datum datum = *last;
   if (!datum.noise) datum.noise = setup_.noise.at_step(step);

@@ -10,6 +10,7 @@
 #include "knothe/assimilation/engine/input_errors.hpp"
 #include "knothe/assimilation/engine/method.hpp"
 #include "knothe/assimilation/engine/step_result.hpp"
+#include "knothe/assimilation/update/milestones.hpp"
 #include "knothe/assimilation/verdict/assessor.hpp"
 #include "knothe/likelihood/data/sensor_watch.hpp"
 
@@ -30,6 +31,8 @@ struct EngineSetup : Problem {
   std::string name;                        ///< of the model, where several are compared
   std::size_t model_version = 0;           ///< how often it has been refined
   std::vector<CandidateModel> candidates;  ///< models to compare with it on the same data
+  std::string archive = {};                ///< folder for a file of old data; empty: all stay in memory
+  std::size_t kept_in_memory = 512;        ///< steps before and after the one at hand, if there is an archive
 };
 
 /// The same data seen by another model: `time_indices` are its own, by those of the first; beyond its times
@@ -76,14 +79,14 @@ class Engine {
   /// What these errors would do to the posterior of all data, which has the mean `mean`.
   [[nodiscard]] std::vector<InputShift> shifts_by(std::span<const InputError> errors,
                                                   const Eigen::VectorXd& mean) const {
-    return assimilation::shifts_by(errors, setup_, data_.all(), mean);
+    return assimilation::shifts_by(errors, setup_, data_->all(), mean);
   }
 
   /// Beside a result's forecasts of crack lengths: those of Eq. 33 with the predicted field as a normal one.
   [[nodiscard]] std::vector<NamedForecast> published_forecasts(const StepResult& result);
 
-  [[nodiscard]] const likelihood::DataSet& data() const { return data_; }
-  [[nodiscard]] std::optional<std::size_t> last_step() const { return data_.last_step(); }
+  [[nodiscard]] const likelihood::DataSet& data() const { return *data_; }
+  [[nodiscard]] std::optional<std::size_t> last_step() const { return data_->last_step(); }
   /// The last datum of a step (by key) with the noise it was measured with; UsageError without data.
   [[nodiscard]] likelihood::Datum last_datum(std::size_t step) const;
   /// The quadratic form of all data of steps ≤ `step`, of functions centred at `centre`; none for methods
@@ -99,10 +102,11 @@ class Engine {
  private:
   void require_fits(const likelihood::Datum& datum) const;
   void mark_changed(std::size_t step);
+  void release_memory();
   [[nodiscard]] StepResult result_of(const UpdateResult& update);
   void watch_sensors(std::size_t step, StepResult& result);
   void compare_models(std::size_t step, StepResult& result);
-  [[nodiscard]] std::span<const likelihood::DatumPointer> data_up_to(std::size_t step);
+  [[nodiscard]] std::span<const likelihood::DatumPointer> recent_data(std::size_t step);
   void assess(std::size_t step, StepResult& result);
   void decide(StepResult& result);
 
@@ -111,11 +115,13 @@ class Engine {
   Eigen::VectorXd centre_;
   std::unique_ptr<PosteriorMethod> method_;
   std::vector<std::unique_ptr<PosteriorMethod>> candidates_;
-  likelihood::DataSet data_;
+  std::size_t release_from_ = 0;  ///< steps in memory, from which on old data are put away
+  std::shared_ptr<likelihood::DataSet> data_ = std::make_shared<likelihood::DataSet>();
   std::set<std::size_t> stale_;
   likelihood::SensorWatch watch_;
+  Milestones<likelihood::SensorWatch> watch_before_;
   Assessor assessor_;
-  std::vector<likelihood::DatumPointer> examined_;  ///< of `data_up_to`, kept from step to step
+  std::vector<likelihood::DatumPointer> examined_;  ///< of `recent_data`, kept from step to step
   std::optional<std::size_t> watched_;              ///< last step that `watch_` has seen
 };
 

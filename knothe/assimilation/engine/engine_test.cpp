@@ -19,6 +19,7 @@ namespace knothe::assimilation {
 namespace {
 
 using likelihood::Datum;
+using likelihood::GaussianNoise;
 using likelihood::NoiseModel;
 using likelihood::StepForm;
 using posterior::Prior;
@@ -109,9 +110,17 @@ void expect_same(const StepResult& a, const StepResult& b) {
   EXPECT_EQ(a.absent, b.absent);
 }
 
+/// The same, with all data but those of one step in a file.
+EngineSetup with_archive(EngineSetup setup) {
+  setup.archive = ::testing::TempDir();
+  setup.kept_in_memory = 0;
+  return setup;
+}
+
 /// Every way in which the same data may come gives the same results, to the bit: shuffled, with what was
-/// shown in between, with data that are withdrawn again, with one that is replaced.
+/// shown in between, with data that are withdrawn again, with one that is replaced, in memory or in a file.
 void expect_a_function_of_the_data(const EngineSetup& setup, const std::vector<Datum>& data) {
+  if (setup.archive.empty()) expect_a_function_of_the_data(with_archive(setup), data);
   Engine in_order(setup);
   std::map<std::size_t, StepResult> expected;
   for (const Datum& d : data) {
@@ -181,6 +190,56 @@ TEST(Engine, NeitherOrderNorDuplicatesChangeABit) {
       expect_identical(*shuffled.form_up_to(step), *in_order.form_up_to(step));
     if (k == 0) expect_same(shuffled.posterior_at(last), expected.at(last));
   }
+}
+
+/// Far more steps than are in memory, of two data where one is late; some are withdrawn, some come late.
+TEST(Engine, OldDataInAFileChangeNoBit) {
+  EngineSetup setup = independent_setup();
+  setup.watches_sensors = true;
+  setup.kept_in_memory = 8;
+  EngineSetup archived = setup;
+  archived.archive = ::testing::TempDir();
+  std::mt19937_64 random(17);
+  std::vector<Datum> data = random_data(setup, 240, 18);
+  for (std::size_t k = 0; k < data.size(); ++k) data[k].step = k / 4 * 2 + k % 2, data[k].key.seq = k;
+  for (Datum& d : data) {
+    const std::size_t time = d.step / 2 % setup.model->time.size();
+    d.values += setup.model->predict(k_truth, time) - setup.model->predict(k_truth, d.time_index);
+    d.time_index = time;
+  }
+  data[100].noise = GaussianNoise::independent(Eigen::VectorXd::Constant(k_sensors, 0.4));
+  Engine engine(setup), other(archived), at_once(archived);
+  std::map<std::size_t, StepResult> expected, found;
+  for (std::size_t k = 0; k < data.size(); ++k) {
+    const Datum& late = data[k - std::min<std::size_t>(k, random() % 90)];
+    for (Engine* each : {&engine, &other}) {
+      each->add(data[k]);
+      if (k % 11 == 0) {
+        EXPECT_TRUE(each->withdraw(late.step, late.key));
+      }
+      if (k % 7 == 0) conclude_all(*each, each == &engine ? expected : found);
+      if (k % 5 == 0 && !each->stale().empty()) (void)each->preview(*each->stale().rbegin());
+      if (k % 11 == 0) each->add(late);
+    }
+    at_once.add(data[k]);
+  }
+  EXPECT_EQ(engine.data().in_memory(), engine.data().step_numbers().size());
+  EXPECT_LT(other.data().in_memory(), 40U);
+  EXPECT_LT(at_once.data().in_memory(), 40U);
+  EXPECT_EQ(other.data().step_numbers(), engine.data().step_numbers());
+  const std::size_t last = *engine.last_step();
+  expect_same(at_once.preview(last), other.preview(last));
+  conclude_all(engine, expected);
+  conclude_all(other, found);
+  for (const auto& [step, result] : expected) {
+    SCOPED_TRACE(step);
+    expect_same(found.at(step), result);
+    expect_identical(*other.form_up_to(step), *engine.form_up_to(step));
+    EXPECT_EQ(other.last_datum(step).key.seq, engine.last_datum(step).key.seq);
+  }
+  std::map<std::size_t, StepResult> after_restart;
+  conclude_all(at_once, after_restart);
+  for (const auto& [step, result] : expected) expect_same(after_restart.at(step), result);
 }
 
 TEST(Engine, OneDatumPerStepIsTheSequentialUpdate) {

@@ -18,6 +18,9 @@ class FormMethod final : public PosteriorMethod {
   void add(likelihood::DatumPointer datum, std::size_t time_index) override {
     update_.add(std::move(datum), time_index);
   }
+  void set_recall(likelihood::StepStore::Recall recall, std::size_t kept) override {
+    update_.set_recall(std::move(recall), kept);
+  }
   void withdraw(std::size_t step, const likelihood::DatumKey& key) override { update_.withdraw(step, key); }
   const UpdateResult& posterior_at(std::size_t step) override { return update_.posterior_at(step); }
   const UpdateResult& preview(std::size_t step) override { return update_.preview(step); }

@@ -17,6 +17,9 @@ class PosteriorMethod {
   /// A datum that is not there yet, at a model time (index) of this method's model. DataError for one that
   /// cannot be assimilated: nothing has changed then.
   virtual void add(likelihood::DatumPointer datum, std::size_t time_index) = 0;
+  /// The method need not keep all data: `recall` gives those of a step again, as of
+  /// `SequentialUpdate`.
+  virtual void set_recall(likelihood::StepStore::Recall, std::size_t /* kept */) {}
   /// Takes a datum out that is there.
   virtual void withdraw(std::size_t step, const likelihood::DatumKey& key) = 0;
   /// The posterior of all data of steps ≤ `step`, which has data, as `SequentialUpdate::follow` has it.

@@ -37,31 +37,24 @@ EstimatedBias SequentialUpdate::bias() const {
 }
 
 likelihood::ConditionalStates SequentialUpdate::lasting_errors() const {
-  const auto step = store_.steps().find(result_.step);
+  const auto step = store_.steps().find(result_.step);  // with such errors all are in memory
   likelihood::ConditionalStates states =
       step == store_.steps().end() ? store_.projector().lasting_errors() : step->second.lasting_errors;
   if (states.mean.size() > 0) states.mean += states.slope * store_.projector().central_functions();
   return states;
 }
 
-bool SequentialUpdate::is_corrected() const {
-  if (!supervision_.learns()) return false;
-  const auto& steps = store_.steps();
-  return std::any_of(steps.begin(), steps.upper_bound(result_.step),
-                     [](const auto& entry) { return entry.second.corrected; });
-}
-
 std::vector<std::size_t> SequentialUpdate::corrected_steps() const {
   std::vector<std::size_t> steps;
-  for (const auto& [step, stored] : store_.steps()) {
-    if (stored.corrected) steps.push_back(step);
-  }
+  if (!supervision_.learns()) return steps;
+  for (const auto& [step, stored] : store_.steps())
+    if (stored.corrected && step <= result_.step) steps.push_back(step);
   return steps;
 }
 
 const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_index,
                                              const Eigen::Ref<const Eigen::VectorXd>& values) {
-  if (store_.steps().contains(step))
+  if (store_.contains(step))
     throw UsageError(
         fmt::format("step {} is assimilated already: withdraw it before assimilating it again", step));
   const auto start = monotonic_now();
@@ -77,21 +70,50 @@ const UpdateResult& SequentialUpdate::update(std::size_t step, std::size_t time_
 
 const UpdateResult& SequentialUpdate::remove(std::size_t step) {
   withdraw(step, {});
-  return store_.steps().empty() ? result_ : posterior_without_monitor(store_.last());
+  return store_.empty() ? result_ : posterior_without_monitor(store_.last());
 }
 
 void SequentialUpdate::add(likelihood::DatumPointer datum, std::size_t time_index) {
   store_.add(std::move(datum), time_index);
+  release_memory();
+}
+
+/// Of a long sequence, where a step is no more than its data, only those near the last one assimilated are in
+/// memory: the others are made again where one goes back to them.
+void SequentialUpdate::release_memory() {
+  if (!store_.has_recall() || store_.steps().size() < std::max(4 * kept_, release_from_)) return;
+  if (posteriors_depend_on_earlier()) return;
+  sum_ahead();
+  const std::size_t at = summed_.value_or(0);
+  store_.keep_in_memory(at - std::min(at, kept_), at + kept_);
+  release_from_ = 2 * store_.steps().size();
+}
+
+/// Of data that come faster than their turn does (a journal that is replayed), the sums for a preview, before
+/// they are let go.
+void SequentialUpdate::sum_ahead() {
+  apply_changes();
+  const auto end = store_.step_before(store_.last());
+  if (!end || (summed_ && *summed_ >= *end)) return;
+  if (!shown_ || (summed_ && shown_->before <= *summed_)) shown_ = {summed_ ? *summed_ + 1 : 0, sums_};
+  const auto& steps = store_.steps();
+  for (auto at = store_.step_from(shown_->before); at && *at < *end && steps.contains(*at);
+       at = store_.step_from(*at + 1)) {
+    shown_->sums.add(steps.at(*at));
+    shown_->before = *at + 1;
+  }
 }
 
 void SequentialUpdate::withdraw(std::size_t step, const likelihood::DatumKey& key) {
   store_.withdraw(step, key);
-  if (store_.steps().empty()) restart();
+  if (store_.empty()) restart();
 }
 
 void SequentialUpdate::apply_changes() {
   const auto changed = store_.update_forms();
-  if (changed && summed_ && *summed_ >= *changed) rewind(*changed);
+  if (!changed) return;
+  if (shown_ && shown_->before > *changed) shown_.reset();
+  if (summed_ && *summed_ >= *changed) rewind(*changed);
 }
 
 const likelihood::StepForm* SequentialUpdate::form_of(std::size_t step) const {
@@ -102,12 +124,12 @@ const likelihood::StepForm* SequentialUpdate::form_of(std::size_t step) const {
 likelihood::StepForm SequentialUpdate::form_up_to(std::size_t step) {
   apply_changes();
   likelihood::StepForm sum = likelihood::StepForm::zero(store_.projector().central_functions().size());
-  const auto& steps = store_.steps();
-  for (auto it = steps.begin(); it != steps.end() && it->first <= step; ++it) {
+  bool first = true;
+  store_.for_each(0, step + 1, [&](std::size_t number, const likelihood::StoredStep& stored) {
     // Data of a structure that changes grow old; a power of 1 leaves the sum as it is, to the bit.
-    if (it != steps.begin()) sum.raise(changes_.power_before(it->first));
-    sum.add(it->second.form);
-  }
+    if (!std::exchange(first, false)) sum.raise(changes_.power_before(number));
+    sum.add(stored.form);
+  });
   return sum;
 }
 
@@ -130,49 +152,65 @@ const UpdateResult& SequentialUpdate::posterior_at(std::size_t step) {
 
 const UpdateResult& SequentialUpdate::compute(std::size_t step, bool every) {
   apply_changes();
-  const auto last = store_.find(step);
-  auto& steps = store_.steps();
+  release_memory();
+  (void)store_.at(step);
   // Also where `step` is summed up, but only on the way back from a later one.
   const bool is_lost = previewed_ || result_.weights.size() == 0;
   if (summed_ && (*summed_ > step || (is_lost && (*summed_ == step || posteriors_depend_on_earlier()))))
     rewind(step);
+  const std::size_t first = summed_ ? *summed_ + 1 : 0;
   // In the order of the steps, so that the sums are those of data that came in that order, to the bit.
-  auto it = summed_ ? steps.upper_bound(*summed_) : steps.begin();
-  for (const auto end = std::next(last); it != end; ++it) {
-    const bool before_last = std::next(it) == last && !it->second.log_evidence;
-    if (!every && it != last && !before_last) {
-      sums_.add(it->second);
-      summed_ = it->first;
-      supervision_.lose_posterior();
-      followed_ = false;
-      continue;
+  std::size_t from = first;
+  if (!every) {
+    from = first_to_solve(step);
+    if (first < from) {
+      store_.for_each(first, from, [&](std::size_t number, const likelihood::StoredStep& stored) {
+        sums_.add(stored);
+        summed_ = number;
+        supervision_.lose_posterior();
+        followed_ = false;
+      });
     }
-    try {
-      assimilate(it->first);
-    } catch (...) {
-      restart();  // discard the partial update
-      throw;
-    }
+    from = std::max(first, from);
+  }
+  try {
+    assimilate_from(from, step);
+  } catch (...) {
+    restart();  // discard the partial update
+    throw;
   }
   return result_;
+}
+
+/// The step before, where its evidence is not known, of which that of `step` is an increment; else `step`.
+std::size_t SequentialUpdate::first_to_solve(std::size_t step) const {
+  const auto before = store_.step_before(step);
+  return before && !store_.log_evidence(*before) ? *before : step;
 }
 
 const UpdateResult& SequentialUpdate::preview(std::size_t step) {
   if (posteriors_depend_on_earlier()) return posterior_at(step);
   apply_changes();
-  const auto last = store_.find(step);
+  release_memory();
+  (void)store_.at(step);
   const likelihood::FormSums followed = sums_;
-  auto it = store_.steps().begin();
-  if (summed_ && *summed_ < step && store_.steps().at(*summed_).log_evidence) {
-    it = store_.steps().upper_bound(*summed_);
+  std::size_t from = 0;
+  if (summed_ && *summed_ < step && store_.log_evidence(*summed_)) {
+    from = *summed_ + 1;
   } else {
     restart_sums();
   }
+  const std::size_t first = std::max(from, first_to_solve(step));
+  if (shown_ && shown_->before <= first && shown_->before > from) {
+    sums_ = shown_->sums;
+    from = shown_->before;
+  }
   try {
-    for (; it != std::next(last); ++it) {
-      sums_.add(it->second);
-      const bool before_last = std::next(it) == last && !it->second.log_evidence;
-      if (before_last || it == last) solve(it->first);
+    store_.for_each(from, first, [&](std::size_t, const auto& stored) { sums_.add(stored); });
+    shown_ = {first, sums_};
+    for (auto at = store_.step_from(first); at && *at <= step; at = store_.step_from(*at + 1)) {
+      sums_.add(store_.at(*at));
+      solve(*at);
     }
   } catch (...) {
     restart();
@@ -193,13 +231,13 @@ const UpdateResult& SequentialUpdate::correct_bias(std::size_t from, std::size_t
   }
   supervision_.correct_by_hand(from, to);
   restart();
-  return store_.steps().empty() ? result_ : posterior_without_monitor(store_.last());
+  return store_.empty() ? result_ : posterior_without_monitor(store_.last());
 }
 
 /// All earlier steps are in the sums, and `supervision_` knows them.
 void SequentialUpdate::assimilate(std::size_t step) {
   const auto start = monotonic_now();
-  likelihood::StoredStep& stored = store_.steps().at(step);
+  likelihood::StoredStep& stored = store_.at(step);
   supervision_.save(step);
   if (!posteriors_depend_on_earlier() && sums_before_.wants(step)) sums_before_.save(step, sums_);
   if (changes_.possible()) {
@@ -221,14 +259,15 @@ void SequentialUpdate::assimilate(std::size_t step) {
 }
 
 void SequentialUpdate::assimilate_from(std::size_t from, std::size_t to) {
-  auto& steps = store_.steps();
-  for (auto it = steps.find(from); it != steps.end() && it->first <= to; ++it) assimilate(it->first);
+  for (auto step = store_.step_from(from); step && *step <= to; step = store_.step_from(*step + 1)) {
+    assimilate(*step);
+    release_memory();
+  }
 }
 
 /// The posterior of the sums as that of `step`.
 void SequentialUpdate::solve(std::size_t step) {
-  const auto here = store_.steps().find(step);
-  likelihood::StoredStep& stored = here->second;
+  likelihood::StoredStep& stored = store_.at(step);
   UpdateResult fresh;
   fresh.points.swap(result_.points);  // their memory is used again
   fresh.weights.swap(result_.weights);
@@ -242,8 +281,9 @@ void SequentialUpdate::solve(std::size_t step) {
   solver_.solve(stored.assimilated(), result_, result_.elapsed_us);
   result_.log_evidence += sums_.forgotten;
   result_.log_evidence_lower_bound += sums_.forgotten;
+  const auto before = store_.step_before(step);
   result_.log_evidence_increment =
-      result_.log_evidence - (here == store_.steps().begin() ? 0.0 : *std::prev(here)->second.log_evidence);
+      result_.log_evidence - (before ? store_.log_evidence(*before).value_or(0.0) : 0.0);
   stored.log_evidence = result_.log_evidence;
 }
 
@@ -253,7 +293,7 @@ void SequentialUpdate::forget(std::size_t step) {
   const double power = changes_.power_before(step);
   if (changes_.before(step)) supervision_.restart_sums();
   if (!summed_ || power == 1) return;
-  sums_.forgotten = *store_.steps().at(*summed_).log_evidence;  // log Z(S), and what was forgotten before
+  sums_.forgotten = *store_.log_evidence(*summed_);  // log Z(S), and what was forgotten before
   sums_.raise(power);
   if (power == 0) {
     solver_.restart();
@@ -277,7 +317,7 @@ void SequentialUpdate::note(const ModelSupervision::DriftAlarm& alarm) {
 /// put back with the corrected one.
 void SequentialUpdate::correct_since_drift(std::size_t step, const ModelSupervision::DriftAlarm& alarm) {
   redone_at_ = step;
-  const std::size_t from = supervision_.begin_correction(store_.before(step, alarm.steps - 1)->first, step);
+  const std::size_t from = supervision_.begin_correction(store_.before(step, alarm.steps - 1), step);
   go_back_before(from);
   assimilate_from(from, step);
   note(alarm);
@@ -290,12 +330,11 @@ void SequentialUpdate::correct_since_drift(std::size_t step, const ModelSupervis
 /// The alarm at `step` is taken for a change where the drift began: the data from there on are assimilated
 /// again with it. False where that is known already, or where there is nothing before it to be forgotten.
 bool SequentialUpdate::restart_at_change(std::size_t step, const ModelSupervision::DriftAlarm& alarm) {
-  const auto first = store_.before(step, alarm.steps - 1);
-  const std::size_t onset = first->first;
-  if (first == store_.steps().begin() || changes_.before(onset)) return false;
+  const std::size_t onset = store_.before(step, alarm.steps - 1);
+  if (!store_.step_before(onset) || changes_.before(onset)) return false;
   std::vector<std::size_t> found = changes_.found();
   found.push_back(onset);
-  std::size_t from = store_.steps().begin()->first;
+  std::size_t from = *store_.step_from(0);
   if (supervision_.remembers(onset) && !solver_.is_sequential()) {
     from = supervision_.restore(onset);
     restore_sums(from);
@@ -333,27 +372,24 @@ void SequentialUpdate::go_back_before(std::size_t step) {
   restart_sums();
   solver_.restart();
   summed_.reset();
-  auto& steps = store_.steps();
-  auto it = steps.begin();
+  std::size_t from = 0;
   sums_before_.forget_after(step);
   if (const auto* milestone = sums_before_.last_up_to(step)) {
     sums_ = milestone->second;
-    it = steps.lower_bound(milestone->first);
-    if (it != steps.begin()) summed_ = std::prev(it)->first;
+    from = milestone->first;
+    summed_ = store_.step_before(from);
   }
-  for (const auto end = steps.lower_bound(step); it != end; ++it) {
-    sums_.add(it->second);
-    summed_ = it->first;
-    if (solver_.is_sequential()) solve(it->first);
-  }
+  store_.for_each(from, step, [&](std::size_t number, const likelihood::StoredStep& stored) {
+    sums_.add(stored);
+    summed_ = number;
+    if (solver_.is_sequential()) solve(number);
+  });
 }
 
 /// The sums before `step` again, which are remembered.
 void SequentialUpdate::restore_sums(std::size_t step) {
   sums_ = changes_.restore(step);
-  summed_.reset();
-  auto& steps = store_.steps();
-  if (const auto next = steps.lower_bound(step); next != steps.begin()) summed_ = std::prev(next)->first;
+  summed_ = store_.step_before(step);
 }
 
 void SequentialUpdate::restart_sums() {
@@ -366,6 +402,7 @@ void SequentialUpdate::restart() {
   solver_.restart();
   restart_sums();
   sums_before_.clear();
+  shown_.reset();
   supervision_.restart();
   summed_.reset();
   followed_ = true;

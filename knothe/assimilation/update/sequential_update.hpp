@@ -43,6 +43,12 @@ class SequentialUpdate {
   /// assimilated it; with no step left they are empty. UsageError for a step that is not there.
   const UpdateResult& remove(std::size_t step);
 
+  /// From now on steps that are more than `kept` from the last one assimilated need not be in memory, where
+  /// they are no more than their data: `recall` gives these again.
+  void set_recall(likelihood::StepStore::Recall recall, std::size_t kept) {
+    store_.set_recall(std::move(recall));
+    kept_ = kept;
+  }
   /// The halves of `update`, for batches of data (a journal that is replayed, several data of one
   /// step). `add` makes no posterior; a datum takes the place of one with its key. Errors: DataError for one
   /// that cannot be assimilated, and then nothing has changed. `time_index`: of this update's model.
@@ -92,13 +98,14 @@ class SequentialUpdate {
   /// with a correction, or grown old, their sum is another than `form_up_to`).
   [[nodiscard]] const likelihood::PosteriorFunctions& functions() const { return supervision_.functions(); }
   [[nodiscard]] const likelihood::FormSums& sums() const { return sums_; }
-  /// Whether any of the steps up to that of `result` was assimilated with the corrected model.
-  [[nodiscard]] bool is_corrected() const;
-  /// Which of the assimilated steps were corrected.
+  /// Which of the steps up to that of `result` were assimilated with the corrected model.
   [[nodiscard]] std::vector<std::size_t> corrected_steps() const;
 
  private:
   void apply_changes();
+  void release_memory();
+  void sum_ahead();
+  [[nodiscard]] std::size_t first_to_solve(std::size_t step) const;
   const UpdateResult& compute(std::size_t step, bool every);
   void assimilate(std::size_t step);
   void assimilate_from(std::size_t from, std::size_t to);
@@ -123,9 +130,17 @@ class SequentialUpdate {
 
   likelihood::FormSums sums_;  ///< of the steps up to `summed_`
   Milestones<likelihood::FormSums> sums_before_;
-  std::optional<std::size_t> summed_;     ///< the step that result_ is of
-  bool followed_ = true;                  ///< the monitor has judged every step up to `summed_`
-  bool previewed_ = false;                ///< result_ is of another step than `summed_`
+  std::optional<std::size_t> summed_;  ///< the step that result_ is of
+  bool followed_ = true;               ///< the monitor has judged every step up to `summed_`
+  bool previewed_ = false;             ///< result_ is of another step than `summed_`
+  /// The sums of the steps before one, which a preview goes on from.
+  struct Shown {
+    std::size_t before = 0;
+    likelihood::FormSums sums;
+  };
+  std::optional<Shown> shown_;
+  std::size_t kept_ = 512;
+  std::size_t release_from_ = 0;          ///< steps in memory, from which on old ones are let go
   std::optional<std::size_t> redone_at_;  ///< the step that had those before it assimilated again
   UpdateResult result_;
 };

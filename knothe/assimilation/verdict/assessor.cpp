@@ -86,7 +86,7 @@ Assessor::Assessor(std::shared_ptr<const model::ObservedModel> model, likelihood
     projected_.push_back(model_->core[t].transpose() * (weighted * errors_.coefficients[t]));
 }
 
-Verdict Assessor::assess(const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> data) {
+Verdict Assessor::assess(const AssessedPosterior& posterior, const AssessedData& data) {
   Verdict verdict;
   if (posterior.latest != nullptr) verdict.latest = misfit_of(*posterior.latest, posterior);
   assess_computation(posterior.update, verdict);
@@ -164,21 +164,16 @@ std::vector<likelihood::DatumPointer> Assessor::without_lasting_errors(
   return others;
 }
 
-/// `data`: all.
-void Assessor::test_constancy(const AssessedPosterior& posterior,
-                              std::span<const likelihood::DatumPointer> data, ResidualReport& report) const {
+void Assessor::test_constancy(const AssessedPosterior& posterior, const AssessedData& data,
+                              ResidualReport& report) const {
   if (posterior.all_data == nullptr) return;
   const ParameterChange change =
       find_parameter_change(posterior.all_data->blocks, posterior.functions.mean - central_,
                             posterior.functions.tangent, posterior.update.noise_level.value_or(1.0));
-  if (change.probability >= options_.fit_caution)  // nobody asks where: data are not counted through
+  if (change.probability >= options_.fit_caution)  // nobody asks where
     return report.set(ResidualTest::constancy, change.probability);
-  std::size_t first = 0;  // datum after the change
-  for (std::size_t steps = 0; first < data.size(); ++first) {
-    const bool is_new = first == 0 || data[first]->step != data[first - 1]->step;
-    if (is_new && steps++ == change.after) break;
-  }
-  if (first < data.size()) report.set(ResidualTest::constancy, change.probability, data[first]->step);
+  if (const auto step = data.step_after(change.after))
+    report.set(ResidualTest::constancy, change.probability, *step);
 }
 
 /// Whether a series asks for the parameters that all data ask for.
@@ -253,10 +248,9 @@ std::string Assessor::misfit_in_words(const ResidualReport& report,
   return {};
 }
 
-void Assessor::assess_fit(const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> data,
-                          Verdict& verdict) {
+void Assessor::assess_fit(const AssessedPosterior& posterior, const AssessedData& data, Verdict& verdict) {
   if (posterior.corrected || data.empty()) return;  // the correction takes up what is left over
-  const auto examined = data.last(std::min(options_.examined, data.size()));
+  const auto examined = data.last(options_.examined);
   ResidualReport report = examine(posterior, examined);
   test_constancy(posterior, data, report);
   test_agreement(posterior, examined, report);
@@ -332,7 +326,22 @@ Eigen::MatrixXd Assessor::projected_errors(const likelihood::Datum& datum) const
 }
 
 void Assessor::forget_from(std::size_t step) {
-  if (sum_.data > 0 && step <= sum_.last_step) sum_ = {};
+  sums_before_.forget_after(step);
+  if (!sum_.last_step || step > *sum_.last_step) return;
+  const auto* milestone = sums_before_.last_up_to(step);
+  sum_ = milestone != nullptr ? milestone->second : Sum();
+}
+
+/// The sum of the errors of all data; goes on from where it was.
+void Assessor::sum_errors(const AssessedData& data) {
+  if (sum_.last_step && *sum_.last_step > data.last_step()) forget_from(data.last_step() + 1);
+  if (!sum_.last_step) sum_.errors = Eigen::MatrixXd::Zero(model_->functions->count(), errors_.count());
+  data.for_each(sum_.last_step, [&](const likelihood::DatumPointer& datum) {
+    if (sum_.last_step && *sum_.last_step < datum->step && sums_before_.wants(datum->step))
+      sums_before_.save(datum->step, sum_);
+    sum_.errors += projected_errors(*datum);
+    sum_.last_step = datum->step;
+  });
 }
 
 /// How much each known error says of the model's error over the posterior, adding up to one: of one that
@@ -378,15 +387,9 @@ Eigen::VectorXd Assessor::mean_shift(const Eigen::MatrixXd& shifts, const Update
 /// a constant − w(p)ᵀ h, h = Σ (U C_t)ᵀ R⁻¹ e(t), as far as e does not change over the posterior, and the
 /// mean moves by −Cov(p, w) h; with the regression Cov(w, p) L⁻ᵀ = T, L Lᵀ = Cov(p), that is −L Tᵀ h. And
 /// where it is known at which parameters each error was found: the model fitted there (`ModelShift`).
-void Assessor::assess_model(const AssessedPosterior& posterior,
-                            std::span<const likelihood::DatumPointer> data, Verdict& verdict) {
+void Assessor::assess_model(const AssessedPosterior& posterior, const AssessedData& data, Verdict& verdict) {
   if (errors_.count() == 0 || data.empty()) return;
-  if (sum_.data > data.size() || sum_.data == 0)
-    sum_ = {0, 0, Eigen::MatrixXd::Zero(model_->functions->count(), errors_.count())};
-  for (; sum_.data < data.size(); ++sum_.data) {
-    sum_.errors += projected_errors(*data[sum_.data]);
-    sum_.last_step = data[sum_.data]->step;
-  }
+  sum_errors(data);
   const UpdateResult& update = posterior.update;
   const double level = update.noise_level.value_or(1.0);
   const Eigen::MatrixXd errors = sum_.errors / level;

@@ -6,8 +6,10 @@
 #include <span>
 #include <vector>
 
+#include "knothe/assimilation/update/milestones.hpp"
 #include "knothe/assimilation/update/robust_update.hpp"
 #include "knothe/assimilation/update/update_result.hpp"
+#include "knothe/assimilation/verdict/assessed_data.hpp"
 #include "knothe/assimilation/verdict/misfit_diagnosis.hpp"
 #include "knothe/assimilation/verdict/model_shift.hpp"
 #include "knothe/assimilation/verdict/residual_tests.hpp"
@@ -55,20 +57,18 @@ class Assessor {
            likelihood::RobustOptions robust, model::ObservedErrors errors, const MonitorOptions& monitor,
            std::vector<model::Axis> axes = {}, VerdictOptions options = {});
 
-  /// `data`: all that are still to be explained, in the order of the steps.
-  [[nodiscard]] Verdict assess(const AssessedPosterior& posterior,
-                               std::span<const likelihood::DatumPointer> data);
+  /// `data`: as many at hand as `VerdictOptions::examined`, or all.
+  [[nodiscard]] Verdict assess(const AssessedPosterior& posterior, const AssessedData& data);
   /// Data of steps from this one on have changed.
   void forget_from(std::size_t step);
 
  private:
   void assess_computation(const UpdateResult& update, Verdict& verdict) const;
-  void assess_fit(const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> data,
-                  Verdict& verdict);
+  void assess_fit(const AssessedPosterior& posterior, const AssessedData& data, Verdict& verdict);
   [[nodiscard]] Misfit misfit_of(const likelihood::StepForm& form, const AssessedPosterior& posterior) const;
   [[nodiscard]] ResidualReport examine(const AssessedPosterior& posterior,
                                        std::span<const likelihood::DatumPointer> data);
-  void test_constancy(const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> data,
+  void test_constancy(const AssessedPosterior& posterior, const AssessedData& data,
                       ResidualReport& report) const;
   void test_agreement(const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> examined,
                       ResidualReport& report) const;
@@ -77,8 +77,8 @@ class Assessor {
   [[nodiscard]] std::string misfit_in_words(const ResidualReport& report,
                                             std::span<const likelihood::DatumPointer> data) const;
   void assess_range(const UpdateResult& update, Verdict& verdict) const;
-  void assess_model(const AssessedPosterior& posterior, std::span<const likelihood::DatumPointer> data,
-                    Verdict& verdict);
+  void assess_model(const AssessedPosterior& posterior, const AssessedData& data, Verdict& verdict);
+  void sum_errors(const AssessedData& data);
   [[nodiscard]] Eigen::VectorXd mean_shift(const Eigen::MatrixXd& shifts, const UpdateResult& update) const;
   void add_model_reason(const Eigen::VectorXd& shift, double caution, double reject, Verdict& verdict) const;
   void assess_sensors(const AssessedPosterior& posterior, Verdict& verdict) const;
@@ -98,10 +98,11 @@ class Assessor {
   std::optional<ModelShift> shift_;         ///< where it is known of which parameters the errors are
   std::vector<Eigen::MatrixXd> projected_;  ///< per model time: (U C_t)ᵀ R⁻¹ e(t), r × k, of complete data
   struct Sum {
-    std::size_t data = 0, last_step = 0;
+    std::optional<std::size_t> last_step;
     Eigen::MatrixXd errors;  ///< r × k
   };
-  Sum sum_;  ///< of the errors of the first data
+  Sum sum_;  ///< of the errors of the data up to a step
+  Milestones<Sum> sums_before_;
 };
 
 }  // namespace knothe::assimilation

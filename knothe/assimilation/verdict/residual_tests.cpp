@@ -162,8 +162,7 @@ ResidualTests::ResidualTests(std::shared_ptr<const model::ObservedModel> model, 
   }
   const Index l = model_->space.cols(), r = model_->functions->count();
   // Of one step alone space and core together are dear; of all at once the product with space costs a sixth.
-  if (n * r < l * (n / 6 + r))
-    for (const Eigen::MatrixXd& core : model_->core) rows_.emplace_back(model_->space * core);
+  has_rows_ = n * r < l * (n / 6 + r);
   const Eigen::MatrixXd weighted = measurement.apply(model_->space);  // n × l
   const numerics::SymmetricEigen modes(model_->space.transpose() * weighted);
   const double enough = 1e-8 * modes.eigenvalues().tail(1)[0];
@@ -192,8 +191,8 @@ ResidualReport ResidualTests::examine(std::span<const likelihood::DatumPointer> 
                                       std::span<const EstimatedError> lasting) {
   const Index n = noise_.size(), m = std::ssize(data);
   Eigen::MatrixXd residuals(n, m);
-  if (!rows_.empty()) {
-    for (Index k = 0; k < m; ++k) residuals.col(k).noalias() = rows_[data[k]->time_index] * -w;
+  if (has_rows_) {
+    for (Index k = 0; k < m; ++k) residuals.col(k).noalias() = rows_at(data[k]->time_index) * -w;
   } else {
     Eigen::MatrixXd coefficients(model_->space.cols(), m);
     for (Index k = 0; k < m; ++k) coefficients.col(k).noalias() = model_->core[data[k]->time_index] * w;
@@ -276,6 +275,15 @@ ResidualReport ResidualTests::examine(std::span<const likelihood::DatumPointer> 
   if (noise_.measurement().is_independent()) test_independent(report, parameters);
   if (all_in_modes) test_modes(residuals, report);
   return report;
+}
+
+/// Made when they are first asked for: of a model with a million times they are more than all else.
+const Eigen::MatrixXd& ResidualTests::rows_at(std::size_t time_index) {
+  constexpr std::size_t k_kept = 1024;
+  const auto found = rows_.find(time_index);
+  if (found != rows_.end()) return found->second;
+  if (rows_.size() >= k_kept) rows_.clear();
+  return rows_.emplace(time_index, model_->space * model_->core[time_index]).first->second;
 }
 
 /// Whether a datum has the values of the one before it, or of one of the same model time: to less than noise

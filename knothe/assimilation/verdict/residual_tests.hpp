@@ -3,6 +3,7 @@
 /// absolute and from the first datum on.
 #include <Eigen/Core>
 #include <array>
+#include <map>
 #include <memory>
 #include <optional>
 #include <span>
@@ -101,6 +102,7 @@ class ResidualTests {
   [[nodiscard]] const std::vector<Eigen::Index>& groups() const { return groups_; }  ///< n: of each sensor
 
  private:
+  [[nodiscard]] const Eigen::MatrixXd& rows_at(std::size_t time_index);
   [[nodiscard]] bool repeats(std::span<const likelihood::DatumPointer> data, Eigen::Index k) const;
   [[nodiscard]] Eigen::VectorXd weighted_present(const Eigen::VectorXd& values,
                                                  const Eigen::VectorXd& residual);
@@ -118,8 +120,9 @@ class ResidualTests {
   std::vector<Eigen::Index> groups_;
   std::vector<std::string> group_names_;
   std::vector<std::array<Eigen::Index, 2>> neighbours_;
-  std::vector<Eigen::MatrixXd> rows_;  ///< (OU) C_t, n × r, where that costs less than its two factors
-  std::vector<Eigen::MatrixXd> series_rows_;  ///< the same of the scalar series alone, s × r
+  bool has_rows_ = false;                        ///< (OU) C_t, n × r, costs less than its two factors
+  std::map<std::size_t, Eigen::MatrixXd> rows_;  ///< of the times looked at last
+  std::vector<Eigen::MatrixXd> series_rows_;     ///< the same of the scalar series alone, s × r
   Eigen::MatrixXd modal_;  ///< k × n: residual of a complete datum → its part in the modes, N(0, I)
 };
 

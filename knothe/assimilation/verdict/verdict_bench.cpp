@@ -60,8 +60,9 @@ int main(int count, char** arguments) {
         Datum{{}, t, t, model->predict(truth, t) + 20 * draws(n, 1), std::nullopt}));
     update.update(t, t, data.back()->values);
     const auto start = knothe::monotonic_now();
-    const Verdict verdict = assessor.assess(
-        {update.result(), update.functions(), &update.sums(), update.form_of(t), false, {}}, data);
+    const Verdict verdict =
+        assessor.assess({update.result(), update.functions(), &update.sums(), update.form_of(t), false, {}},
+                        AssessedData(data));
     if (t >= k_times / 2) us.push_back(knothe::microseconds_since(start));
     ok = ok && verdict.level == VerdictLevel::ok;
   }

@@ -333,14 +333,14 @@ TEST(Verdict, ShiftByTheModelsErrorIsThatOfTheConjugateFormula) {
   Assessor assessor(made, noise, priors, {}, {}, errors, {});
   const AssessedPosterior posterior{
       update.result(), update.functions(), &update.sums(), update.form_of(update.result().step), false, {}};
-  const VectorXd found = assessor.assess(posterior, examined).model_shift_std;
+  const VectorXd found = assessor.assess(posterior, AssessedData(examined)).model_shift_std;
   // By the 256 points that stand for the posterior.
   for (Index a = 0; a < d; ++a) EXPECT_NEAR(found[a], expected[a], 0.1 * expected.maxCoeff()) << a;
   // In another order of questions the same, to the bit.
   const std::span<const likelihood::DatumPointer> all(examined);
-  (void)assessor.assess(posterior, all.first(5));
+  (void)assessor.assess(posterior, AssessedData(all.first(5)));
   assessor.forget_from(3);
-  EXPECT_EQ(assessor.assess(posterior, all).model_shift_std, found);
+  EXPECT_EQ(assessor.assess(posterior, AssessedData(all)).model_shift_std, found);
 }
 
 // Errors that are alike where a b is: those of other products do not count.

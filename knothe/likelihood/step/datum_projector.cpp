@@ -47,13 +47,8 @@ DatumProjector::DatumProjector(std::shared_ptr<const model::ObservedModel> model
   complete_.space = model_->space;
   complete_.weighted_space = noise_.measurement().apply(model_->space);
   complete_.gram = model_->space.transpose() * complete_.weighted_space;
-  quadratic_.resize(n_t);
-  for (Eigen::Index t = 0; t < n_t; ++t) {
-    const auto& core = model_->core[t];
-    predicted_.col(t) = model_->lift.col(t) + model_->space * (core * central_);
-    quadratic_[t] = core.transpose() * complete_.gram * core;
-    quadratic_[t] = 0.5 * (quadratic_[t] + quadratic_[t].transpose().eval());
-  }
+  for (Eigen::Index t = 0; t < n_t; ++t)
+    predicted_.col(t) = model_->lift.col(t) + model_->space * (model_->core[t] * central_);
   residual_.resize(n);
   weighted_.resize(n);
   in_space_.resize(model_->space.cols());
@@ -170,10 +165,22 @@ const model::RowMatrix& DatumProjector::space_rows() {
 void DatumProjector::project_complete(std::size_t time_index, StepForm& form) {
   noise_.measurement().apply(residual_, weighted_);
   in_space_.noalias() = complete_.weighted_space.transpose() * residual_;
-  form.quadratic = quadratic_[time_index];
+  form.quadratic = complete_quadratic(time_index);
   form.linear.noalias() = model_->core[time_index].transpose() * in_space_;
   form.constant = residual_.dot(weighted_);
   form.log_normaliser = residual_.size() * k_log_2_pi + noise_.measurement().log_determinant();
+}
+
+/// Made when it is first asked for: a model may have a million times.
+const Eigen::MatrixXd& DatumProjector::complete_quadratic(std::size_t time_index) {
+  constexpr std::size_t k_kept = 1024;
+  const auto found = quadratic_.find(time_index);
+  if (found != quadratic_.end()) return found->second;
+  if (quadratic_.size() >= k_kept) quadratic_.clear();
+  const auto& core = model_->core[time_index];
+  Eigen::MatrixXd& quadratic = quadratic_[time_index];
+  quadratic = core.transpose() * complete_.gram * core;
+  return quadratic = 0.5 * (quadratic + quadratic.transpose().eval());
 }
 
 const NoiseGroup& DatumProjector::group_of(std::size_t step) {

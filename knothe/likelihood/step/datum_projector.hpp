@@ -1,6 +1,7 @@
 #pragma once
 /// @file From a datum to its quadratic form (collapsed_posterior.hpp says which).
 #include <Eigen/Core>
+#include <map>
 #include <memory>
 #include <vector>
 
@@ -55,17 +56,18 @@ class DatumProjector {
   void find_measured(std::size_t step, const Eigen::Ref<const Eigen::VectorXd>& values);
   void project_complete(std::size_t time_index, StepForm& form);
   const NoiseGroup& group_of(std::size_t step);
+  const Eigen::MatrixXd& complete_quadratic(std::size_t time_index);
 
   std::shared_ptr<const model::ObservedModel> model_;
   NoiseModel noise_;
   Eigen::VectorXd central_;
-  Eigen::MatrixXd predicted_;                  ///< lift_t + (OU) C_t w₀, n_obs × n_t
-  NoiseGroup complete_;                        ///< all values present
-  NoiseGroup recent_;                          ///< the last other set of values present: masks tend to stay
-  std::vector<Eigen::MatrixXd> quadratic_;     ///< G_t of complete data, per model time
-  std::unique_ptr<NuisanceFilter> nuisances_;  ///< null: there are none
-  std::vector<Eigen::Index> kept_;             // of the datum at hand
-  Eigen::VectorXd residual_, weighted_, in_space_;  // workspace
+  Eigen::MatrixXd predicted_;  ///< lift_t + (OU) C_t w₀, n_obs × n_t
+  NoiseGroup complete_;        ///< all values present
+  NoiseGroup recent_;          ///< the last other set of values present: masks tend to stay
+  std::map<std::size_t, Eigen::MatrixXd> quadratic_;  ///< G_t of complete data, of the model times used last
+  std::unique_ptr<NuisanceFilter> nuisances_;         ///< null: there are none
+  std::vector<Eigen::Index> kept_;                    // of the datum at hand
+  Eigen::VectorXd residual_, weighted_, in_space_;    // workspace
   // Of the corrected likelihood; one row per dof, so that rows of R⁻¹ meet contiguous memory.
   model::RowMatrix space_rows_;           ///< (OU) of `space_kept_`
   std::vector<Eigen::Index> space_kept_;  ///< empty: of none yet

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <iterator>
 #include <utility>
 
@@ -51,8 +52,8 @@ StepStore::StepStore(std::shared_ptr<const model::ObservedModel> model, NoiseMod
 
 void StepStore::add(DatumPointer datum, std::size_t time_index) {
   const std::size_t index = datum->step;
-  const auto [it, is_new] = steps_.try_emplace(index);
-  StoredStep& step = it->second;
+  const bool is_new = !contains(index);
+  StoredStep& step = is_new ? steps_[index] : at(index);
   step.time_index = time_index;
   step.time = projector_.model().time[time_index];
   Projected projected;
@@ -60,25 +61,29 @@ void StepStore::add(DatumPointer datum, std::size_t time_index) {
     projected = project(step, *datum);
   } catch (...) {
     restore_noise(index, step);
-    if (is_new) steps_.erase(it);
+    if (is_new) steps_.erase(index);
     throw;
   }
-  const bool last =
-      std::next(it) == steps_.end() && (step.data.empty() || step.data.rbegin()->first < datum->key);
+  const auto known = index_.begin() + (first_from(index) - index_.cbegin());
+  const bool last = std::next(known, is_new ? 0 : 1) == index_.end() &&
+                    (step.data.empty() || step.data.rbegin()->first < datum->key);
+  if (is_new) index_.insert(known, {index, time_index});
   store(step, std::move(datum), std::move(projected));
   if (projector_.depends_on_order() && !last) out_of_order_ = true;
   mark_changed(index);
 }
 
 void StepStore::withdraw(std::size_t index, const DatumKey& key) {
-  const auto it = steps_.find(index);
-  if (it == steps_.end() || it->second.data.erase(key) == 0)
+  if (!contains(index) || at(index).data.erase(key) == 0)
     throw UsageError(fmt::format("step {} is not assimilated: there is nothing to withdraw", index));
-  StoredStep& step = it->second;
+  StoredStep& step = at(index);
   step.form.quadratic.resize(0, 0);
   step.moved.reset();
   restore_noise(index, step);
-  if (step.data.empty()) steps_.erase(it);
+  if (step.data.empty()) {
+    steps_.erase(index);
+    index_.erase(first_from(index));
+  }
   if (projector_.depends_on_order()) out_of_order_ = true;
   mark_changed(index);
 }
@@ -93,20 +98,85 @@ std::optional<std::size_t> StepStore::update_forms() {
     if (step.data.size() > 1) step.moved.reset();
     step.log_evidence.reset();
   }
+  for (auto it = index_.begin() + (first_from(*changed) - index_.cbegin()); it != index_.end(); ++it)
+    it->log_evidence = Known().log_evidence;
   return changed;
 }
 
-StepStore::Steps::iterator StepStore::find(std::size_t step) {
-  const auto it = steps_.find(step);
-  if (it == steps_.end())
-    throw UsageError(fmt::format("step {} is not assimilated: there is no posterior of it", step));
-  return it;
+StepStore::Index::const_iterator StepStore::first_from(std::size_t step) const {
+  return std::lower_bound(index_.begin(), index_.end(), step,
+                          [](const Known& known, std::size_t s) { return known.step < s; });
 }
 
-StepStore::Steps::iterator StepStore::before(std::size_t step, int back) {
-  auto it = steps_.find(step);
-  for (; back > 0 && it != steps_.begin(); --back) --it;
-  return it;
+std::optional<std::size_t> StepStore::step_from(std::size_t step) const {
+  const auto it = first_from(step);
+  return it == index_.end() ? std::nullopt : std::optional(it->step);
+}
+
+std::optional<std::size_t> StepStore::step_before(std::size_t step) const {
+  const auto it = first_from(step);
+  return it == index_.begin() ? std::nullopt : std::optional(std::prev(it)->step);
+}
+
+std::size_t StepStore::before(std::size_t step, std::ptrdiff_t back) const {
+  const auto it = first_from(step);
+  return (it - std::min(back, it - index_.begin()))->step;
+}
+
+StoredStep& StepStore::at(std::size_t step) {
+  if (const auto it = steps_.find(step); it != steps_.end()) return it->second;
+  const auto known = first_from(step);
+  if (known == index_.end() || known->step != step)
+    throw UsageError(fmt::format("step {} is not assimilated: there is no posterior of it", step));
+  return steps_.emplace(step, made_again(*known)).first->second;
+}
+
+std::optional<double> StepStore::log_evidence(std::size_t step) const {
+  if (const auto it = steps_.find(step); it != steps_.end()) return it->second.log_evidence;
+  const auto known = first_from(step);
+  if (known == index_.end() || known->step != step || std::isnan(known->log_evidence)) return std::nullopt;
+  return known->log_evidence;
+}
+
+void StepStore::for_each(std::size_t from, std::size_t end,
+                         const std::function<void(std::size_t, const StoredStep&)>& visit) {
+  for (auto it = first_from(from); it != index_.end() && it->step < end; ++it) {
+    const auto resident = steps_.find(it->step);
+    if (resident != steps_.end()) {
+      visit(it->step, resident->second);
+    } else {
+      visit(it->step, made_again(*it));
+    }
+  }
+}
+
+void StepStore::keep_in_memory(std::size_t from, std::size_t to) {
+  if (!recall_ || index_.empty() || projector_.depends_on_order()) return;
+  const std::size_t tail = before(last(), 1);
+  std::erase_if(steps_, [&](const auto& entry) {
+    const auto& [number, step] = entry;
+    const bool is_plain = !step.own_noise && !step.corrected && !step.moved && step.levels.empty();
+    if ((number >= from && number <= to) || number >= tail || !is_plain) return false;
+    for (const auto& [key, projected] : step.data)
+      if (projected.datum->noise) return false;
+    Known& known = index_[first_from(number) - index_.cbegin()];
+    known.log_evidence = step.log_evidence.value_or(Known().log_evidence);
+    return true;
+  });
+}
+
+/// From its data, as it was before it was let go.
+StoredStep StepStore::made_again(const Known& known) {
+  StoredStep step;
+  step.time_index = known.time_index;
+  step.time = projector_.model().time[known.time_index];
+  for (DatumPointer& datum : recall_(known.step)) {
+    Projected projected = project(step, *datum);
+    store(step, std::move(datum), std::move(projected));
+  }
+  if (!is_summed(step)) step.form = sum_of(step);
+  if (!std::isnan(known.log_evidence)) step.log_evidence = known.log_evidence;
+  return step;
 }
 
 StepStore::Projected StepStore::project(StoredStep& step, const Datum& datum) {

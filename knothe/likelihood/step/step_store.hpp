@@ -3,6 +3,8 @@
 /// trace, projected again where one depends on those before it.
 #include <Eigen/Core>
 #include <cstddef>
+#include <functional>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -58,9 +60,12 @@ struct FormSums {
   void raise(double power);
 };
 
+/// Steps that are seldom asked for may be let go: their forms are made again from their data, to the bit.
 class StepStore {
  public:
   using Steps = std::map<std::size_t, StoredStep>;
+  /// Gives the data of a step again, by key.
+  using Recall = std::function<std::vector<DatumPointer>(std::size_t step)>;
 
   /// `centre`: the point at which w₀ is taken (`DatumProjector`).
   StepStore(std::shared_ptr<const model::ObservedModel> model, NoiseModel noise,
@@ -78,13 +83,31 @@ class StepStore {
   /// step that has changed since it was last called.
   std::optional<std::size_t> update_forms();
 
+  /// Where data come from again: without it nothing is let go.
+  void set_recall(Recall recall) { recall_ = std::move(recall); }
+  [[nodiscard]] bool has_recall() const { return recall_ != nullptr; }
+  /// Lets all steps go that are not in [`from`, `to`], but the last two, and those whose forms follow from
+  /// more than their own data and the sensors' noise. Pointers to them are no longer valid.
+  void keep_in_memory(std::size_t from, std::size_t to);
+
+  /// Those in memory.
   [[nodiscard]] Steps& steps() { return steps_; }
   [[nodiscard]] const Steps& steps() const { return steps_; }
-  [[nodiscard]] std::size_t last() const { return steps_.rbegin()->first; }
-  /// The step that is there: UsageError otherwise.
-  [[nodiscard]] Steps::iterator find(std::size_t step);
+  [[nodiscard]] bool empty() const { return index_.empty(); }
+  [[nodiscard]] std::size_t last() const { return index_.back().step; }
+  /// The first step ≥ `step`, and the last one before it; absent where there is none.
+  [[nodiscard]] std::optional<std::size_t> step_from(std::size_t step) const;
+  [[nodiscard]] std::optional<std::size_t> step_before(std::size_t step) const;
+  [[nodiscard]] bool contains(std::size_t step) const { return step_from(step) == step; }
   /// `back` steps before this one, or the first.
-  [[nodiscard]] Steps::iterator before(std::size_t step, int back);
+  [[nodiscard]] std::size_t before(std::size_t step, std::ptrdiff_t back) const;
+  /// The step that is there: UsageError otherwise. It is in memory then.
+  [[nodiscard]] StoredStep& at(std::size_t step);
+  /// Its `log_evidence`, wherever it is.
+  [[nodiscard]] std::optional<double> log_evidence(std::size_t step) const;
+  /// Calls `visit` for the steps in [`from`, `end`), in order; those not in memory are made for it alone.
+  void for_each(std::size_t from, std::size_t end,
+                const std::function<void(std::size_t, const StoredStep&)>& visit);
   [[nodiscard]] DatumProjector& projector() { return projector_; }
   [[nodiscard]] const DatumProjector& projector() const { return projector_; }
 
@@ -101,10 +124,20 @@ class StepStore {
   void set_noise(std::size_t index, StoredStep& step, const std::optional<GaussianNoise>& noise);
   void restore_noise(std::size_t index, StoredStep& step);
   void mark_changed(std::size_t step);
+  /// What stays in memory of a step.
+  struct Known {
+    std::size_t step = 0, time_index = 0;
+    double log_evidence = std::numeric_limits<double>::quiet_NaN();  ///< of one that was let go; NaN: none
+  };
+  using Index = std::vector<Known>;
+  [[nodiscard]] Index::const_iterator first_from(std::size_t step) const;
+  [[nodiscard]] StoredStep made_again(const Known& known);
 
   NoiseModel noise_;  ///< of the sensors
   DatumProjector projector_;
   Steps steps_;
+  Index index_;  ///< all steps
+  Recall recall_;
   std::optional<std::size_t> changed_;  ///< the first
   bool out_of_order_ = false;  ///< forms depend on data before them that were added later, or withdrawn
   bool moved_forms_ = false;

@@ -117,12 +117,52 @@ TEST_F(StepStoreTest, AStepOfSeveralDataIsTheSumOfTheirFormsHoweverTheyCameAndWe
   } while (std::next_permutation(order.begin(), order.end()));
 }
 
+TEST_F(StepStoreTest, StepsThatAreLetGoComeAgainToTheBit) {
+  StepStore all = make(false), few = make(false);
+  data(2, 1) = std::numeric_limits<double>::quiet_NaN();
+  few.set_recall([&](std::size_t step) {
+    return std::vector<DatumPointer>{test::datum(step, data.col(static_cast<Eigen::Index>(step)))};
+  });
+  for (StepStore* store : {&all, &few}) {
+    for (const std::size_t step : {0u, 1u, 2u, 3u}) add(*store, step);
+    (void)store->update_forms();
+    store->at(1).log_evidence = -1;
+  }
+  const auto expect_all = [&] {
+    std::size_t seen = 0;
+    few.for_each(0, 4, [&](std::size_t step, const StoredStep& stored) {
+      EXPECT_EQ(step, seen++);
+      EXPECT_TRUE(same(stored.form, all.at(step).form)) << step;
+      EXPECT_EQ(stored.time, all.at(step).time);
+    });
+    EXPECT_EQ(seen, 4u);
+  };
+  few.keep_in_memory(4, 4);
+  EXPECT_EQ(few.steps().size(), 2u);  // the last two
+  EXPECT_EQ(few.log_evidence(1), -1);
+  EXPECT_FALSE(few.log_evidence(0));
+  expect_all();
+  EXPECT_EQ(few.steps().size(), 2u);
+  EXPECT_EQ(few.step_before(2), 1u);
+  EXPECT_EQ(few.step_before(0), std::nullopt);
+  EXPECT_TRUE(few.contains(1));
+  EXPECT_EQ(few.at(1).log_evidence, -1);
+  EXPECT_EQ(few.steps().size(), 3u);
+  few.keep_in_memory(4, 4);
+  few.withdraw(0, {});
+  EXPECT_EQ(few.update_forms(), 0u);
+  EXPECT_FALSE(few.log_evidence(1));
+  add(few, 0);
+  (void)few.update_forms();
+  expect_all();
+}
+
 TEST_F(StepStoreTest, RefusesWhatIsNotThereAndWhatCannotBe) {
   StepStore store = make(false);
   add(store, 2);
   EXPECT_EQ(message([&] { store.withdraw(1, {}); }),
             "step 1 is not assimilated: there is nothing to withdraw");
-  EXPECT_EQ(message([&] { (void)store.find(1); }), "step 1 is not assimilated: there is no posterior of it");
+  EXPECT_EQ(message([&] { (void)store.at(1); }), "step 1 is not assimilated: there is no posterior of it");
   EXPECT_THROW(store.add(test::datum(3, Eigen::VectorXd::Constant(n, 1e200)), 3), DataError);
   EXPECT_EQ(store.steps().size(), 1u);
 }
@@ -130,9 +170,9 @@ TEST_F(StepStoreTest, RefusesWhatIsNotThereAndWhatCannotBe) {
 TEST_F(StepStoreTest, GoesBackNoFurtherThanTheFirstStep) {
   StepStore store = make(false);
   for (const std::size_t step : {0u, 1u, 3u}) add(store, step);
-  EXPECT_EQ(store.before(3, 0)->first, 3u);
-  EXPECT_EQ(store.before(3, 1)->first, 1u);
-  EXPECT_EQ(store.before(3, 9)->first, 0u);
+  EXPECT_EQ(store.before(3, 0), 3u);
+  EXPECT_EQ(store.before(3, 1), 1u);
+  EXPECT_EQ(store.before(3, 9), 0u);
 }
 
 TEST_F(StepStoreTest, SumsAreOfTheFormsAsAssimilated) {

@@ -100,8 +100,15 @@ struct JournalReader::Implementation {
   }
 
   void prepare_to_write() {
+    told.journal = id;
+    std::error_code ignored;
+    log_path = std::filesystem::weakly_canonical(path, ignored).string() + "-wal";
+    if (!is_marked) {  // first the mark, so that none is missed that has never been
+      acknowledge(true);
+      sync_folder_of(path);
+      database.execute("INSERT INTO meta VALUES('marked', 1)");
+    }
     database.execute("UPDATE meta SET value = value + 1 WHERE key = 'starts'");
-    if (!is_marked) database.execute("INSERT INTO meta VALUES('marked', 1)");
     id_page = one_integer(database, "SELECT rootpage FROM sqlite_master WHERE name = 'meta'");
     starts = one_integer(database, "SELECT value FROM meta WHERE key = 'starts'");
     insert.emplace(database, "INSERT INTO measurement VALUES(?,?,?,?,?,?,?,?,?,?,?)");
@@ -109,9 +116,6 @@ struct JournalReader::Implementation {
                  "SELECT m.id, m.payload, m.time, m.step, m.quarantined, r.id, w.id FROM measurement m "
                  "LEFT JOIN release r ON r.measurement = m.id LEFT JOIN withdrawal w ON w.measurement = m.id "
                  "WHERE m.source = ? AND m.session = ? AND m.seq = ? ORDER BY m.id DESC LIMIT 1");
-    told.journal = id;
-    std::error_code ignored;
-    log_path = std::filesystem::weakly_canonical(path, ignored).string() + "-wal";
     (void)checkpoint();  // what a journal is, is then never in its log alone
     acknowledge(true);
     sync_folder_of(path);
@@ -478,6 +482,21 @@ void Journal::add_file(const JournalFile& file) {
 std::optional<bool> Journal::withdrawn(const likelihood::DatumKey& key) const {
   const auto found = implementation_->find_last(key);
   return found ? std::optional(found->withdrawn) : std::nullopt;
+}
+
+bool Journal::has_withdrawn(const Measurement& datum) const {
+  Database& database = implementation_->database;
+  Statement rows(
+      database,
+      select_records(database,
+                     "WHERE m.source = ? AND m.session = ? AND m.seq = ? AND m.time = ? AND w.id IS NOT NULL")
+          .c_str());
+  rows.bind(1, std::string_view(datum.key.source)).bind(2, std::string_view(datum.key.session));
+  rows.bind(3, datum.key.seq).bind(4, datum.time);
+  const std::string payload = datum.payload();
+  while (rows.step())
+    if (read_record(rows).payload == payload) return true;
+  return false;
 }
 
 std::vector<JournalFile> JournalReader::files() const {

@@ -153,6 +153,8 @@ class Journal : public JournalReader {
 
   /// Whether the last datum of that key is withdrawn; nothing where there is none.
   [[nodiscard]] std::optional<bool> withdrawn(const likelihood::DatumKey& key) const;
+  /// Whether a record that is withdrawn has its key, time and payload.
+  [[nodiscard]] bool has_withdrawn(const Measurement& datum) const;
   /// The `most` largest of the records that are not withdrawn, the largest first.
   [[nodiscard]] std::vector<std::int64_t> largest_seqs(const std::string& source, const std::string& session,
                                                        std::size_t most) const;

@@ -76,8 +76,9 @@ std::optional<Acknowledged> read_mark(const std::string& journal) {
   Acknowledged a;
   file >> head >> a.journal >> a.records >> a.releases >> a.withdrawals >> a.alarms;
   if (head == "knothe-mark-2") file >> a.entries;  // 1: of journals without a logbook
-  if (!(file >> a.seal) || (head != "knothe-mark-1" && head != "knothe-mark-2")) return std::nullopt;
-  return a;
+  const bool is_empty = file && a.records == 0;    // there is no seal then
+  if (!(file >> a.seal) && !is_empty) return std::nullopt;
+  return head == "knothe-mark-1" || head == "knothe-mark-2" ? std::optional(a) : std::nullopt;
 }
 
 void write_mark(const std::string& mark_path, const Acknowledged& a, std::string_view seal,

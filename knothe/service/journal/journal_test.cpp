@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <sqlite3.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -14,6 +15,7 @@
 #include "knothe/files/testing/test_folder.hpp"
 #include "knothe/service/journal/sqlite.hpp"
 #include "knothe/service/testing/failing_files.hpp"
+#include "knothe/service/testing/power_loss_files.hpp"
 
 namespace knothe::service {
 namespace {
@@ -670,6 +672,94 @@ TEST(Journal, WhicheverWriteFailsWhatWasCommittedStaysAndNothingElse) {
     ASSERT_EQ(found.size(), committed.size()) << "with the write " << n << " failing";
   }
   EXPECT_GT(tried, 20);
+}
+
+/// Every kind of call: opening, reading, writing, sizes, shared memory. Whoever is told of it by an exception
+/// has nothing of that group stored, or finds it stored; never anything else.
+TEST(Journal, WhicheverCallFailsOnceNothingThatWasCommittedIsLost) {
+  const files::TestFolder folder;
+  FailingFiles files;
+  bool failed = true;
+  int tried = 0;
+  for (int n = 1; failed; ++n) {
+    const std::string path = folder.file("j" + std::to_string(n));
+    std::vector<std::int64_t> committed;
+    files.fail_once(n);
+    for (int again = 0; again < 2 && committed.size() < 4; ++again) try {
+        Journal journal(path);
+        for (int i = 0; i < 4; ++i) {
+          try {
+            journal.begin();
+            journal.append(datum(4 * again + i));
+            journal.commit();
+            committed.push_back(4 * again + i);
+          } catch (const Error&) {
+            journal.rollback();
+          }
+        }
+        (void)journal.checkpoint();
+      } catch (const Error&) {  // it cannot be opened, or merged: at the next start
+      }
+    failed = files.failed();
+    files.fail_from(0);
+    ++tried;
+    ASSERT_GE(committed.size(), 3U) << "with call " << n << " failing";
+    const Journal journal(path);
+    EXPECT_EQ(journal.lost(), "");
+    std::vector<std::int64_t> found;
+    journal.for_each([&](const JournalEntry& entry) { found.push_back(entry.measurement.key.seq); });
+    EXPECT_TRUE(std::includes(found.begin(), found.end(), committed.begin(), committed.end()))
+        << "with call " << n << " failing";
+  }
+  EXPECT_GT(tried, 60);
+}
+
+/// As SQLite's own tests do: of what was written and not synced, any sectors are on disk, some of them torn.
+TEST(Journal, WhateverPowerFailureLeavesWhatWasAcknowledgedIsThere) {
+  const files::TestFolder folder;
+  const int count = variants(300);
+  std::int64_t records = 0;
+  for (int seed = 0; seed < count; ++seed) {
+    SCOPED_TRACE(seed);
+    std::mt19937 random(static_cast<unsigned>(seed));
+    const std::string path = folder.file("p" + std::to_string(seed));
+    std::int64_t acknowledged = 0;
+    for (int failure = 0; failure < 3; ++failure) {
+      PowerLossFiles files;
+      files.lose_power_at(1 + static_cast<int>(random() % 80));
+      try {
+        Journal journal(path);
+        files.sync_names();  // as a journal does at its start
+        EXPECT_EQ(journal.lost(), "");
+        ASSERT_GE(journal.count(), acknowledged);
+        acknowledged = journal.count();  // what came through though nobody was told
+        for (int i = 0; i < 12; ++i) {
+          const int size = 1 + static_cast<int>(random() % 3);
+          journal.begin();
+          for (int k = 0; k < size; ++k) journal.append(datum(acknowledged + k));
+          if (acknowledged > 0 && random() % 4 == 0)
+            journal.withdraw({datum(static_cast<std::int64_t>(random()) % acknowledged).key});
+          journal.commit();
+          acknowledged += size;
+          if (random() % 4 == 0) (void)journal.checkpoint();
+        }
+      } catch (const Error&) {
+        EXPECT_TRUE(files.is_off());
+      }
+      files.restore_power(static_cast<unsigned>(random()));
+      std::filesystem::remove(path + "-shm");
+    }
+    const Journal journal(path);
+    EXPECT_EQ(journal.lost(), "");
+    std::int64_t n = 0;
+    journal.for_each([&](const JournalEntry& entry) {
+      EXPECT_EQ(entry.measurement.payload(), datum(n).payload());
+      ++n;
+    });
+    EXPECT_GE(n, acknowledged);
+    records += n;
+  }
+  EXPECT_GT(records, 10 * count);
 }
 
 }  // namespace

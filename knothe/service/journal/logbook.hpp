@@ -18,7 +18,8 @@ namespace knothe::service {
 
 /// `test_begun` is the first of a test that was begun in a running service; `test_followed` is the last of
 /// the one before: it is finished, and the test that its text names has taken its place. `verification` is
-/// what the full-order model said (verification.hpp).
+/// what the full-order model said (verification.hpp). Data that are `released` or `withdrawn` have an entry
+/// where somebody signed for it.
 enum class EntryKind {
   acknowledgement,
   sensor_off,
@@ -29,7 +30,9 @@ enum class EntryKind {
   test_begun,
   test_followed,
   verification_asked,
-  verification
+  verification,
+  released,
+  withdrawn
 };
 constexpr auto names_of(EntryKind) {
   return std::to_array<Named<EntryKind>>({{EntryKind::acknowledgement, "acknowledgement"},
@@ -41,13 +44,15 @@ constexpr auto names_of(EntryKind) {
                                           {EntryKind::test_begun, "test_begun"},
                                           {EntryKind::test_followed, "test_followed"},
                                           {EntryKind::verification_asked, "verification_asked"},
-                                          {EntryKind::verification, "verification"}});
+                                          {EntryKind::verification, "verification"},
+                                          {EntryKind::released, "released"},
+                                          {EntryKind::withdrawn, "withdrawn"}});
 }
 
 struct LogbookEntry {
   std::int64_t number = 0;  ///< in the journal, from 1
   EntryKind kind = EntryKind::note;
-  std::int64_t subject = 0;  ///< id of the alarm, index of the sensor; else 0
+  std::int64_t subject = 0;  ///< id of the alarm, index of the sensor, number of the record; else 0
   double time = 0;           ///< model time that it speaks of; of a sensor: from which it holds
   std::string author, text;
   std::int64_t written_ms = 0;  ///< Unix time
@@ -66,8 +71,8 @@ struct EntryRequest {
 };
 
 /// From a JSON object with `by` and, as the route needs them, `site`, `step`, `sensor`, `active`, `name` (of
-/// a test), `text` or `comment`. RequestError 400 that says which member is wrong.
-[[nodiscard]] EntryRequest parse_json_entry(std::string_view body);
+/// a test), `text` or `comment`. `holder`, and errors, as of `parse_json_key`.
+[[nodiscard]] EntryRequest parse_json_entry(std::string_view body, const std::string& holder = {});
 
 /// How a test goes: begun, finished, resumed, followed by another.
 class TestCourse {

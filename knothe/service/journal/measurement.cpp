@@ -213,11 +213,39 @@ SiteMeasurement parse_json_measurement(std::string_view body) {
   return result;
 }
 
-EntryRequest parse_json_entry(std::string_view body) {
+namespace {
+
+/// Who has a token of his own signs by it.
+std::string author_of(const Received& object, const std::string& holder, bool required) {
+  std::string given = text_member(object, "by", required && holder.empty());
+  if (!holder.empty() && !given.empty() && given != holder)
+    throw RequestError(
+        403, "OtherName",
+        fmt::format("the token is that of \"{0}\": \"by\" must be \"{0}\", or left out", holder));
+  return holder.empty() ? given : holder;
+}
+
+/// `text` or `comment`.
+std::string long_text_of(const Received& object) {
+  std::string text;
+  for (const char* name : {"text", "comment"}) {
+    const auto it = object.find(name);
+    if (it == object.end()) continue;
+    if (!it->is_string()) malformed(fmt::format("\"{}\" must be a string", name));
+    text = it->get<std::string>();
+    if (text.size() > k_longest_text)
+      malformed(fmt::format("\"{}\" is longer than {} bytes", name, k_longest_text));
+  }
+  return text;
+}
+
+}  // namespace
+
+EntryRequest parse_json_entry(std::string_view body, const std::string& holder) {
   const Received object = parse_object(body);
   EntryRequest request;
   request.site = text_member(object, "site", false);
-  request.author = text_member(object, "by", true);
+  request.author = author_of(object, holder, true);
   if (const auto it = object.find("step"); it != object.end()) request.step = checked_index(*it, "step");
   if (const auto it = object.find("sensor"); it != object.end() && it->is_string())
     request.sensor_name = text_member(object, "sensor", true);
@@ -228,23 +256,17 @@ EntryRequest parse_json_entry(std::string_view body) {
     request.active = it->get<bool>();
   }
   if (object.contains("name")) request.test = text_member(object, "name", false);
-  for (const char* name : {"text", "comment"}) {
-    const auto it = object.find(name);
-    if (it == object.end()) continue;
-    if (!it->is_string()) malformed(fmt::format("\"{}\" must be a string", name));
-    request.text = it->get<std::string>();
-    if (request.text.size() > k_longest_text)
-      malformed(fmt::format("\"{}\" is longer than {} bytes", name, k_longest_text));
-  }
+  request.text = long_text_of(object);
   return request;
 }
 
-SiteKey parse_json_key(std::string_view body) {
+SiteKey parse_json_key(std::string_view body, const std::string& holder) {
   const Received object = parse_object(body);
   refuse_slips(object, {"record"});
   SiteKey named{text_member(object, "site", false), {key_of(object)}};
   if (const auto it = object.find("record"); it != object.end())
     named.datum.which = RecordName::Which::numbered, named.datum.number = checked_index(*it, "record");
+  named.signature = {author_of(object, holder, false), long_text_of(object)};
   return named;
 }
 

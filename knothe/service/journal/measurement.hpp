@@ -22,9 +22,9 @@ struct Measurement {
   std::string noise;                 ///< its own (noise_bytes.hpp); empty: that of the sensors
   std::int64_t step = 0;             ///< index of the model time
   std::int64_t received_ms = 0;      ///< Unix time of its arrival; nothing depends on it
-  /// Whether it takes the place of a datum of its key that was withdrawn: not where it comes again by itself,
-  /// from a watched folder or a broker that has kept it.
-  bool restores = true;
+  /// Whether it takes the place of a datum of its key that was withdrawn. From a watched folder, or a broker
+  /// that has kept it, it comes again by itself; a broker also repeats what it has no receipt for.
+  enum class Restores { always, if_changed, never } restores = Restores::always;
   /// As sent in place of `values`: those of series by name, all else missing. Empty once the site, which
   /// knows its sensors, has made values of them (`set_values_of_series`).
   std::map<std::string, double> series;
@@ -77,15 +77,22 @@ struct RecordName {
   std::int64_t number = 0;  ///< in the journal
 };
 
-/// The same, and the site it is at (may be empty).
+/// Who asks for something, and why. An empty name: nobody says.
+struct Signature {
+  std::string author, text;
+};
+
+/// A datum's name, the site it is at (may be empty), and who asks.
 struct SiteKey {
   std::string site;
   RecordName datum;
+  Signature signature = {};
 };
 
-/// From a JSON object with `source`, `session`, `seq`, and the number of its `record` if that is known.
-/// RequestError 400 that says which member is wrong.
-[[nodiscard]] SiteKey parse_json_key(std::string_view body);
+/// From a JSON object with `source`, `session`, `seq`, the number of its `record` if that is known, and `by`
+/// and `comment` if it is signed. `holder`: whose token came with it; empty: a shared one. RequestError 400
+/// that says which member is wrong, 403 where `by` is another than the holder.
+[[nodiscard]] SiteKey parse_json_key(std::string_view body, const std::string& holder = {});
 
 /// From an MQTT message: topic knothe/v1/SITE/SOURCE/data, payload the same JSON, whose `site` (may be left
 /// out) and `source` must be those of the topic. RequestError 400.

@@ -6,7 +6,7 @@
 #include <random>
 
 #include "knothe/base/sha256.hpp"
-#include "knothe/service/net/api.hpp"
+#include "knothe/service/net/tokens.hpp"
 
 namespace knothe::service {
 namespace {

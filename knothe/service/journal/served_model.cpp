@@ -13,6 +13,7 @@ namespace knothe::service {
 assimilation::EngineSetup ServedModel::engine_setup() const {
   assimilation::EngineSetup engine = project::engine_setup(project, setup);
   engine.model_version = verification.version;
+  engine.archive = std::filesystem::absolute(project.serve.journal).parent_path().string();
   return engine;
 }
 

@@ -131,13 +131,6 @@ bool brings_data(const HttpRequest& head) {
   return head.method == "POST" && head.path.starts_with("/v1/");
 }
 
-bool has_token(const HttpRequest& head, const std::string& token) {
-  const std::string given = head.header("authorization");
-  const std::string_view bearer = "bearer ";
-  return lower_case(given.substr(0, bearer.size())) == bearer &&
-         equal_in_constant_time(std::string_view(given).substr(bearer.size()), token);
-}
-
 HttpResponse answer_of(const JournalWriter::Answer& answer) {
   if (const auto* error = std::get_if<RequestError>(&answer))
     return error_response(error->status(), error->type(), error->what());
@@ -220,14 +213,6 @@ HttpResponse error_response(int status, const std::string& type, const std::stri
   return {status, "application/json", body.dump(-1, ' ', false, Json::error_handler_t::replace)};
 }
 
-bool equal_in_constant_time(std::string_view a, std::string_view b) {
-  unsigned difference = a.size() != b.size() ? 1 : 0;
-  for (std::size_t i = 0; i < a.size(); ++i)
-    difference |=
-        static_cast<unsigned char>(a[i]) ^ static_cast<unsigned char>(b.empty() ? 0 : b[i % b.size()]);
-  return difference == 0;
-}
-
 Api::Api(std::vector<std::shared_ptr<ServedSite>> sites, ApiOptions options, Metrics& metrics)
     : sites_(std::move(sites)), options_(std::move(options)), metrics_(metrics), umbridge_(sites_) {}
 
@@ -261,8 +246,8 @@ Admission Api::admit(const HttpRequest& head, HttpResponse& refusal) {
   const bool is_foreign =
       !origin.empty() && origin != "http://" + lower_case(host) && origin != "https://" + lower_case(host);
   // No page knows a token that its user has not given it. Behind a proxy the page's own origin is foreign.
-  const std::string& token = brings_data(head) ? options_.ingest_token : options_.read_token;
-  const bool known = !token.empty() && has_token(head, token);
+  const bool ingests = brings_data(head);
+  const bool known = options_.tokens.holder(head, ingests).has_value();
   if (is_foreign && !known) return refuse(403, "WrongOrigin", "pages of other origins are not served");
   bool path_known = false, method_known = false;
   std::string allowed;
@@ -281,8 +266,7 @@ Admission Api::admit(const HttpRequest& head, HttpResponse& refusal) {
     return Admission::refused;
   }
   if (head.path == "/" || head.path == "/livez" || head.path == "/readyz") return Admission::other;
-  const bool ingests = brings_data(head);
-  if (!token.empty() && !known)
+  if (options_.tokens.needed(ingests) && !known)
     return refuse(401, "Unauthorized", "this route needs `Authorization: Bearer TOKEN`");
   if (!ingests) return Admission::other;
   const std::string type = media_type(head);
@@ -459,23 +443,23 @@ void Api::handle_measurement(const HttpRequest& request, const Answer& answer) {
 }
 
 void Api::handle_release(const HttpRequest& request, const Answer& answer) {
-  SiteKey datum = parse_json_key(request.body);
+  SiteKey datum = parse_json_key(request.body, holder(request));
   site_of(datum.site.empty() ? request.parameter("site") : datum.site)
       ->journal()
-      .release(std::move(datum.datum),
+      .release(std::move(datum.datum), std::move(datum.signature),
                [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
 }
 
 void Api::handle_withdrawal(const HttpRequest& request, const Answer& answer) {
-  SiteKey datum = parse_json_key(request.body);
+  SiteKey datum = parse_json_key(request.body, holder(request));
   site_of(datum.site.empty() ? request.parameter("site") : datum.site)
       ->journal()
-      .withdraw(std::move(datum.datum),
+      .withdraw(std::move(datum.datum), std::move(datum.signature),
                 [answer](const JournalWriter::Answer& stored) { answer(answer_of(stored)); });
 }
 
 void Api::handle_entry(const HttpRequest& request, const Answer& answer) {
-  const EntryRequest asked = parse_json_entry(request.body);
+  const EntryRequest asked = parse_json_entry(request.body, holder(request));
   const auto site = site_of(asked.site.empty() ? request.parameter("site") : asked.site);
   const auto alarm = alarm_of(request.path);
   const std::string& path = request.path;
@@ -491,7 +475,7 @@ void Api::handle_entry(const HttpRequest& request, const Answer& answer) {
 
 /// Another test is begun or gone back to, or the one that runs is resumed.
 void Api::handle_test(const HttpRequest& request, const Answer& answer) {
-  const EntryRequest asked = parse_json_entry(request.body);
+  const EntryRequest asked = parse_json_entry(request.body, holder(request));
   const auto site = served(asked.site.empty() ? request.parameter("site") : asked.site);
   const bool begins = request.path == "/v1/tests";
   if (begins && !asked.test)

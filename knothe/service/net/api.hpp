@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "knothe/service/net/http_server.hpp"
+#include "knothe/service/net/tokens.hpp"
 #include "knothe/service/net/umbridge.hpp"
 #include "knothe/service/site/served_site.hpp"
 #include "knothe/service/site/test_lines.hpp"
@@ -14,8 +15,8 @@
 namespace knothe::service {
 
 struct ApiOptions {
-  bool loopback = true;                  ///< listens where this machine alone can reach it
-  std::string read_token, ingest_token;  ///< empty: not needed
+  bool loopback = true;  ///< listens where this machine alone can reach it
+  Tokens tokens;
   bool strict_deadline = false;
 };
 
@@ -52,6 +53,10 @@ class Api final : public HttpHandler {
   void handle_entry(const HttpRequest& request, const Answer& answer);
   [[nodiscard]] HttpResponse ready() const;
   void handle_test(const HttpRequest& request, const Answer& answer);
+  /// Whose token came with a request that acts; empty: a shared one, or none.
+  [[nodiscard]] std::string holder(const HttpRequest& request) const {
+    return options_.tokens.holder(request, true).value_or("");
+  }
   [[nodiscard]] std::shared_ptr<ServedSite> served(const std::string& name) const;
   [[nodiscard]] std::shared_ptr<Site> site_of(const std::string& name) const {
     return served(name)->current();
@@ -69,9 +74,6 @@ class Api final : public HttpHandler {
   std::unique_ptr<Worker> worker_ = std::make_unique<Worker>(), ingest_worker_ = std::make_unique<Worker>(),
                           slow_worker_ = std::make_unique<Worker>();
 };
-
-/// Whether two texts are equal, in a time that depends on their lengths alone.
-[[nodiscard]] bool equal_in_constant_time(std::string_view a, std::string_view b);
 
 /// The OpenAPI 3.1 document of the routes.
 [[nodiscard]] std::string openapi_document();

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <mosquitto.h>
+#include <sys/socket.h>
 
 #include <algorithm>
 #include <atomic>
@@ -66,14 +67,20 @@ struct MqttReceiver::Implementation {
       const std::string_view payload(static_cast<const char*>(message.payload), message.payloadlen);
       if (topic.ends_with("/withdraw")) {
         SiteKey named = parse_mqtt_key(topic, payload);
-        if (message.retain && named.datum.which == RecordName::Which::last)
-          named.datum.which = RecordName::Which::first;
-        return answer(named.datum.key.seq, store([&](auto done) {
-                        site_of(named.site)->journal().withdraw(named.datum, std::move(done));
-                      }));
+        // It may come again after the datum was corrected, unknown to whoever sent it.
+        if (named.datum.which == RecordName::Which::last) named.datum.which = RecordName::Which::first;
+        const auto stored = store(
+            [&](auto done) { site_of(named.site)->journal().withdraw(named.datum, {}, std::move(done)); });
+        const auto* withdrawn = stored ? std::get_if<Withdrawn>(&*stored) : nullptr;
+        if (withdrawn != nullptr && withdrawn->replaced && !message.retain)
+          throw RequestError(409, "Withdrawn",
+                             "it was withdrawn before, and its replacement stays: to withdraw that, give the "
+                             "\"record\" of the answer to it");
+        return answer(named.datum.key.seq, stored);
       }
       SiteMeasurement datum = parse_mqtt_measurement(topic, payload);
-      datum.measurement.restores = !message.retain;
+      using Restores = Measurement::Restores;
+      datum.measurement.restores = message.retain ? Restores::never : Restores::if_changed;
       return answer(datum.measurement.key.seq, store([&](auto done) {
                       const auto site = site_of(datum.site);
                       site->require_test(datum.test);
@@ -262,6 +269,7 @@ struct MqttReceiver::Implementation {
       if (!answer) {
         // Stopping: not acknowledged. The library would acknowledge when we return, so the connection ends
         // first.
+        ::shutdown(mosquitto_socket(client), SHUT_RDWR);
         mosquitto_disconnect(client);
         return;
       }
@@ -284,6 +292,8 @@ MqttReceiver::MqttReceiver(const project::Project& project, std::vector<std::sha
   i.host = broker.host, i.port = broker.port;
   // The same name at each start: the broker keeps for it what comes meanwhile.
   i.client = make_mqtt_client(project, i.id, true, &i);
+  // Else the library sends the receipt before it calls us: what it writes then waits until we return.
+  mosquitto_threaded_set(i.client.get(), true);
   mosquitto_connect_callback_set(i.client.get(), Implementation::on_connect);
   mosquitto_subscribe_callback_set(i.client.get(), Implementation::on_subscribe);
   mosquitto_disconnect_callback_set(i.client.get(), Implementation::on_disconnect);

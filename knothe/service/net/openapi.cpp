@@ -95,9 +95,14 @@ std::string openapi_document() {
                                  {"reason", words},
                                  {"replacement", boolean}},
                                 {"accepted", "duplicate", "step"});
-  const Json key = object_of(
-      {{"site", words}, {"source", words}, {"session", words}, {"seq", integer}, {"record", integer}},
-      {"source", "session", "seq"});
+  const Json key = object_of({{"site", words},
+                              {"source", words},
+                              {"session", words},
+                              {"seq", integer},
+                              {"record", integer},
+                              {"by", words},
+                              {"comment", words}},
+                             {"source", "session", "seq"});
   const Json held = object_of({{"source", words},
                                {"session", words},
                                {"seq", integer},
@@ -113,6 +118,7 @@ std::string openapi_document() {
                                 {"written_at", number},
                                 {"alarm", integer},
                                 {"sensor", integer},
+                                {"record", integer},
                                 {"version", integer},
                                 {"full_order_runs", integer},
                                 {"moved_std", number},

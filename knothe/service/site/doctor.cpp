@@ -30,9 +30,9 @@
 #include "knothe/service/journal/step_matching.hpp"
 #include "knothe/service/journal/test_journals.hpp"
 #include "knothe/service/net/http_server.hpp"
+#include "knothe/service/net/tokens.hpp"
 #include "knothe/service/site/alarm_sender.hpp"
 #include "knothe/service/site/doctor.hpp"
-#include "knothe/service/site/service.hpp"
 
 namespace knothe::service {
 namespace {
@@ -134,21 +134,18 @@ std::string found_journal(const std::string& path, const std::vector<double>& mo
 
 std::string found_tokens(const project::Project& project) {
   const project::ServeOptions& options = project.serve;
+  const Tokens tokens(project);
   for (const auto& [key, path] :
        {std::pair{"read_token", options.read_token}, {"ingest_token", options.ingest_token}}) {
-    if (read_token(project, key, path).empty()) {
-      if (!is_loopback(options.address))
-        throw DataError(fmt::format("{} is not a loopback address: [serve] {} must name a token file",
-                                    options.address, key));
-      continue;
-    }
+    if (!tokens.needed(key == std::string("ingest_token")) && !is_loopback(options.address))
+      throw DataError(fmt::format("{} is not a loopback address: [serve] {} must name a token file",
+                                  options.address, key));
     using std::filesystem::perms;
-    if ((std::filesystem::status(path).permissions() & (perms::others_read | perms::others_write)) !=
-        perms::none)
+    if (!path.empty() && (std::filesystem::status(path).permissions() &
+                          (perms::others_read | perms::others_write)) != perms::none)
       throw DataError(fmt::format("{} can be read by everybody here: chmod o= {}", path, path));
   }
-  return options.read_token.empty() && options.ingest_token.empty() ? "none: for this machine alone"
-                                                                    : "are there";
+  return tokens.needed(false) || tokens.needed(true) ? "are there" : "none: for this machine alone";
 }
 
 std::string found_clock() {

@@ -80,7 +80,7 @@ Intake::StoreOutcome Intake::store(Measurement measurement, const std::string& n
                                    std::optional<JournalFile> file) {
   const auto promise = std::make_shared<std::promise<JournalWriter::Answer>>();
   auto answer = promise->get_future();
-  measurement.restores = false;
+  measurement.restores = Measurement::Restores::never;
   try {
     // What no request can name could never be withdrawn or released.
     const likelihood::DatumKey& key = measurement.key;

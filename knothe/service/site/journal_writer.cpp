@@ -19,9 +19,10 @@
 namespace knothe::service {
 namespace {
 
-constexpr double k_max_commit = 60;            // s, of one group
-constexpr std::chrono::seconds k_idle{1};      // then the journal is looked after
-constexpr std::size_t k_largest_group = 256;   // measurements in one commit
+constexpr double k_max_commit = 60;           // s, of one group
+constexpr std::chrono::seconds k_idle{1};     // then the journal is looked after
+constexpr std::size_t k_largest_group = 256;  // measurements in one commit
+constexpr std::size_t k_replayed_at_once = 4096;
 constexpr std::size_t k_longest_queue = 4096;  // then 503: memory is finite
 constexpr double k_largest_value = 1e60;       // in standard deviations: its square must not overflow
 
@@ -210,6 +211,8 @@ void JournalWriter::replay() {
   std::optional<Measurement> last_frame;
   journal_.for_each([&](JournalEntry entry) {
     pulse_->beat();
+    if (past.size() >= k_replayed_at_once)
+      listener_.arrived(std::exchange(past, {}), journal_.count(), false);
     const likelihood::DatumKey& key = entry.measurement.key;
     if (key.source == k_camera_source && (!last_frame || last_frame->time < entry.measurement.time)) {
       last_frame.emplace().key = key;
@@ -249,7 +252,7 @@ void JournalWriter::replay() {
              {"journal", journal_.path()},
              {"records", journal_.count()},
              {"elapsed_s", seconds_since(start)}});
-  listener_.arrived(std::move(past), journal_.count());
+  listener_.arrived(std::move(past), journal_.count(), true);
 }
 
 void JournalWriter::check_values(const Measurement& datum) const {
@@ -298,12 +301,12 @@ void JournalWriter::ingest(Measurement datum, std::function<void(Answer)> done,
   enqueue({std::move(datum), std::move(done), monotonic_now(), std::move(file)});
 }
 
-void JournalWriter::release(RecordName name, std::function<void(Answer)> done) {
-  enqueue({Release{std::move(name)}, std::move(done), monotonic_now()});
+void JournalWriter::release(RecordName name, Signature signature, std::function<void(Answer)> done) {
+  enqueue({Release{std::move(name), std::move(signature)}, std::move(done), monotonic_now()});
 }
 
-void JournalWriter::withdraw(RecordName name, std::function<void(Answer)> done) {
-  enqueue({Withdrawal{std::move(name)}, std::move(done), monotonic_now()});
+void JournalWriter::withdraw(RecordName name, Signature signature, std::function<void(Answer)> done) {
+  enqueue({Withdrawal{std::move(name), std::move(signature)}, std::move(done), monotonic_now()});
 }
 
 void JournalWriter::enter(LogbookEntry entry, std::function<void(Answer)> done) {
@@ -464,7 +467,7 @@ void JournalWriter::commit(std::vector<Request>& group) {
   }
   set_trouble(trouble);
   announce(written);
-  listener_.arrived(std::move(written.arrivals), journal_.count());
+  listener_.arrived(std::move(written.arrivals), journal_.count(), true);
   for (std::size_t i = 0; i < group.size(); ++i) {
     count_outcome(answers[i]);
     group[i].done(answers[i]);
@@ -515,6 +518,19 @@ JournalWriter::Answer JournalWriter::write(Request& request, Written& written) {
   return answer;
 }
 
+/// Who did it, if somebody says, in the commit of what was done.
+void JournalWriter::sign(EntryKind kind, const JournalEntry& entry, const Signature& signature,
+                         Written& written) {
+  if (signature.author.empty()) return;
+  const auto& [source, session, seq] = entry.measurement.key;
+  const bool held = entry.quarantined && !entry.released;
+  const std::string text =
+      fmt::format("{}, {}, {} {}{}{}{}", source, session, seq, to_text(kind), held ? " from quarantine" : "",
+                  signature.text.empty() ? "" : ": ", signature.text);
+  written.entries.push_back(
+      journal_.add_entry({0, kind, entry.id, entry.measurement.time, signature.author, text, 0}));
+}
+
 JournalWriter::Answer JournalWriter::write(const Release& release, MonotonicTime at, Written& written) {
   auto entry = journal_.release(release.name);
   if (!entry)
@@ -522,7 +538,10 @@ JournalWriter::Answer JournalWriter::write(const Release& release, MonotonicTime
                         fmt::format("there is no quarantined datum of source \"{}\", session \"{}\", seq {}",
                                     release.name.key.source, release.name.key.session, release.name.key.seq));
   match_step(*entry, setup_.problem.model->time, journal_.path());
-  if (!entry->released) written.arrivals.push_back({switches_.seen(entry->measurement), at});
+  if (!entry->released) {
+    written.arrivals.push_back({switches_.seen(entry->measurement), at});
+    sign(EntryKind::released, *entry, release.signature, written);
+  }
   written.no_longer_quarantined.push_back(*entry);
   return Appended{entry->released ? AppendOutcome::duplicate : AppendOutcome::accepted,
                   {},
@@ -549,10 +568,11 @@ JournalWriter::Answer JournalWriter::write(const Withdrawal& withdrawal, Monoton
     if (entry->counts()) written.arrivals.push_back({entry->measurement, at, Arrival::Kind::withdrawn});
     written.no_longer_quarantined.push_back(*entry);
     written.withdrawn.push_back(entry->measurement);
+    sign(EntryKind::withdrawn, *entry, withdrawal.signature, written);
     // What comes now is judged late by the data that are left: a wrong seq, far ahead, is no more in the way.
     seqs_of(key) = journal_.largest_seqs(key.source, key.session, options_.window + 1);
   }
-  return Withdrawn{entry->measurement.step, entry->withdrawn};
+  return Withdrawn{entry->measurement.step, entry->withdrawn, !journal_.withdrawn(key).value_or(true)};
 }
 
 /// A switch changes what the data from its time on say: those are assimilated again.
@@ -607,7 +627,10 @@ void JournalWriter::count_seq(const likelihood::DatumKey& key) {
 JournalWriter::Answer JournalWriter::write(Measurement& datum, MonotonicTime at, Written& written) {
   const auto withdrawn = journal_.withdrawn(datum.key);
   if (course_.end() && withdrawn.value_or(true)) return refusal_after(*course_.end());
-  if (!datum.restores && withdrawn.value_or(false))
+  using Restores = Measurement::Restores;
+  const bool repeats = datum.restores == Restores::never ||
+                       (datum.restores == Restores::if_changed && journal_.has_withdrawn(datum));
+  if (withdrawn.value_or(false) && repeats)
     return RequestError(
         409, "Withdrawn",
         fmt::format("source \"{}\", session \"{}\", seq {} was withdrawn, and what comes again by "

@@ -45,7 +45,8 @@ struct Arrival {
 /// A datum that is withdrawn now.
 struct Withdrawn {
   std::int64_t step = 0;
-  bool before = false;  ///< it had been already
+  bool before = false;    ///< it had been already
+  bool replaced = false;  ///< and a datum of its key is there
 };
 
 /// What is answered of a datum that is in the journal.
@@ -59,9 +60,10 @@ class JournalWriter {
   using Answer = std::variant<Appended, RequestError, Withdrawn, LogbookEntry>;
   /// Called from the thread.
   struct Listener {
-    /// What is in the journal now and was not before, and the number of its records: first all of the
-    /// journal's past, then after each commit, before its requests are answered.
-    std::function<void(std::vector<Arrival>, std::int64_t records)> arrived;
+    /// What is in the journal now and was not before, and the number of its records: first the journal's
+    /// past, in parts, of which the last is `all_replayed`, then after each commit, before its requests are
+    /// answered.
+    std::function<void(std::vector<Arrival>, std::int64_t records, bool all_replayed)> arrived;
     /// Before that: a datum in quarantine that has a value beyond its limit, and which, in words; empty: it
     /// is there no more.
     std::function<void(const Measurement&, const std::string& reason)> doubted;
@@ -104,9 +106,9 @@ class JournalWriter {
   /// `file`, where it has one: noted in the same commit, so that no datum is ever without it.
   void ingest(Measurement datum, std::function<void(Answer)> done, std::optional<JournalFile> file = {});
   /// Lets a quarantined datum in. The same.
-  void release(RecordName name, std::function<void(Answer)> done);
+  void release(RecordName name, Signature signature, std::function<void(Answer)> done);
   /// Takes a datum out. The same.
-  void withdraw(RecordName name, std::function<void(Answer)> done);
+  void withdraw(RecordName name, Signature signature, std::function<void(Answer)> done);
   /// Writes an entry into the logbook. The same.
   void enter(LogbookEntry entry, std::function<void(Answer)> done);
   /// The same, and waits until it is on disk: as it is there. RequestError where it is not.
@@ -125,9 +127,11 @@ class JournalWriter {
  private:
   struct Release {
     RecordName name;
+    Signature signature;
   };
   struct Withdrawal {
     RecordName name;
+    Signature signature;
   };
   struct Request {
     std::variant<Measurement, Release, Withdrawal, LogbookEntry> what;
@@ -158,6 +162,7 @@ class JournalWriter {
   Answer write(const Release& release, MonotonicTime at, Written& written);
   Answer write(const Withdrawal& withdrawal, MonotonicTime at, Written& written);
   Answer write(const LogbookEntry& entry, MonotonicTime at, Written& written);
+  void sign(EntryKind kind, const JournalEntry& entry, const Signature& signature, Written& written);
   [[nodiscard]] static RequestError refusal_after(const LogbookEntry& end);
   void announce(const Written& written);
   [[nodiscard]] std::string refuse_if_misplaced(std::vector<Answer>& answers) const;

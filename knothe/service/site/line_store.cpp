@@ -1,58 +1,15 @@
 #include "knothe/service/site/line_store.hpp"
 
-#include <fcntl.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <cerrno>
-#include <cstdlib>
 #include <cstring>
 #include <iterator>
+#include <nlohmann/json.hpp>
 
 #include "knothe/service/site/line_archive.hpp"
 #include "knothe/service/site/log.hpp"
 
 namespace knothe::service {
-namespace {
-
-/// A file that nobody else finds, and that is gone when it is closed; negative: it cannot be made.
-int open_nameless(const std::string& folder) {
-  const int file = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
-  if (file >= 0) return file;
-  std::string name = folder + "/.knothe-lines-XXXXXX";  // of a file system that knows of no such files
-  const int named = ::mkostemp(name.data(), O_CLOEXEC);
-  if (named >= 0) (void)::unlink(name.c_str());
-  return named;
-}
-
-bool write_all(int file, std::string_view bytes, std::int64_t offset) {
-  while (!bytes.empty()) {
-    const auto written = ::pwrite(file, bytes.data(), bytes.size(), offset);
-    if (written < 0 && errno == EINTR) continue;
-    if (written <= 0) return false;
-    bytes.remove_prefix(written);
-    offset += written;
-  }
-  return true;
-}
-
-bool read_all(int file, std::string& bytes, std::int64_t offset) {
-  std::size_t done = 0;
-  while (done < bytes.size()) {
-    const auto read = ::pread(file, bytes.data() + done, bytes.size() - done, offset + done);
-    if (read < 0 && errno == EINTR) continue;
-    if (read <= 0) return false;
-    done += read;
-  }
-  return true;
-}
-
-}  // namespace
-
-LineStore::~LineStore() {
-  if (file_ >= 0) ::close(file_);
-}
-
 void LineStore::publish(std::shared_ptr<const Line> line) {
   const std::lock_guard lock(mutex_);
   const std::size_t step = line->step;
@@ -114,7 +71,7 @@ bool LineStore::file_oldest() {
     if (!write(*recent_.at(step), entry)) {
       if (!std::exchange(told_, true))
         log_event("warning", "old lines stay in memory: the file for them cannot be written",
-                  {{"folder", folder_}, {"reason", std::strerror(errno)}});
+                  {{"folder", file_.folder()}, {"reason", std::strerror(errno)}});
       return false;
     }
     told_ = false;
@@ -124,17 +81,12 @@ bool LineStore::file_oldest() {
   return true;
 }
 
-bool LineStore::open() {
-  if (file_ < 0) file_ = open_nameless(folder_);
-  return file_ >= 0;
-}
-
 /// In the place of the line before of its step, where it fits.
 bool LineStore::write(const Line& line, Entry& entry) {
   const std::string bytes = bytes_of(line);
   const bool fits = bytes.size() <= entry.capacity;
   const std::int64_t offset = fits ? entry.offset : end_;
-  if (!open() || !write_all(file_, bytes, offset)) return false;
+  if (!file_.write(bytes, offset)) return false;
   entry.offset = offset, entry.size = bytes.size();
   if (!fits) {
     entry.capacity = bytes.size() + bytes.size() / 4;  // a few times at most it does not
@@ -153,13 +105,13 @@ bool LineStore::write(const Line& line, Entry& entry) {
 /// Null where the file cannot be read: its disk has failed.
 std::shared_ptr<const Line> LineStore::get(const Entry& entry) const {
   if (const auto it = recent_.find(entry.step); it != recent_.end()) return it->second;
-  std::string bytes(entry.size, '\0');
-  if (!read_all(file_, bytes, entry.offset)) {
+  const auto bytes = file_.read(entry.offset, entry.size);
+  if (!bytes) {
     log_event("error", "an old line cannot be read",
-              {{"folder", folder_}, {"step", entry.step}, {"reason", std::strerror(errno)}});
+              {{"folder", file_.folder()}, {"step", entry.step}, {"reason", std::strerror(errno)}});
     return nullptr;
   }
-  auto line = line_of_bytes(bytes);
+  auto line = line_of_bytes(*bytes);
   line->model = models_[entry.model];
   return line;
 }

@@ -5,21 +5,19 @@
 #include <set>
 #include <utility>
 
+#include "knothe/files/nameless_file.hpp"
 #include "knothe/service/site/line.hpp"
 
 namespace knothe::service {
 
 /// One line a step, the newest. Those published last are in memory, all others in a file without a name,
-/// which goes with the process: a restart makes all lines anew. Thread-safe; its mutex is taken last.
+/// which goes with the process: a restart makes all lines again. Thread-safe; its mutex is taken last.
 class LineStore {
  public:
   static constexpr std::size_t k_in_memory = 256, k_untrusted = 1000;
 
   /// `folder`: where the file is. While it cannot be written, lines stay in memory.
-  explicit LineStore(std::string folder) : folder_(std::move(folder)) {}
-  ~LineStore();
-  LineStore(const LineStore&) = delete;
-  LineStore& operator=(const LineStore&) = delete;
+  explicit LineStore(std::string folder) : file_(std::move(folder)) {}
 
   /// Replaces the line of its step; one that is `withdrawn` takes it away. Its event must be greater than
   /// those published before.
@@ -58,9 +56,7 @@ class LineStore {
   void drop_replaced_events();
   bool file_oldest();
   bool write(const Line& line, Entry& entry);
-  [[nodiscard]] bool open();
 
-  std::string folder_;
   mutable std::mutex mutex_;
   std::vector<Entry> entries_;                                  ///< by step
   std::vector<std::pair<std::int64_t, std::size_t>> events_;    ///< and steps, by event; replaced ones too
@@ -69,7 +65,7 @@ class LineStore {
   std::shared_ptr<const Line> latest_;
   std::set<std::size_t> untrusted_;
   std::vector<std::shared_ptr<const ServedModel>> models_;
-  int file_ = -1;
+  files::NamelessFile file_;
   std::int64_t end_ = 0;  ///< of the file
   bool told_ = false;     ///< that it cannot be written
 };

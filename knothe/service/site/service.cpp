@@ -24,28 +24,6 @@
 
 namespace knothe::service {
 
-std::string read_token(const project::Project& project, const std::string& key, const std::string& path) {
-  if (path.empty()) return "";
-  std::ifstream file(path);
-  std::string token;
-  if (!file || !std::getline(file, token))
-    throw project.error_at("serve." + key,
-                           fmt::format("the token file {} cannot be read, or is empty", path));
-  while (!token.empty() && (token.back() == '\r' || token.back() == ' ')) token.pop_back();
-  const auto is_printable = [](char c) { return c >= ' ' && c < '\x7f'; };
-  if (token.starts_with(' ') || !std::all_of(token.begin(), token.end(), is_printable))
-    throw project.error_at(
-        "serve." + key,
-        fmt::format("the token in {} begins with a blank, or has characters that are not printable ASCII "
-                    "(UTF-16, a byte-order mark?): no client can send it",
-                    path));
-  if (token.size() < 16)
-    throw project.error_at(
-        "serve." + key,
-        fmt::format("the token in {} has fewer than 16 characters; `openssl rand -hex 32` makes one", path));
-  return token;
-}
-
 namespace {
 
 /// sd_notify(3) without its library: one datagram, if systemd asks for it.
@@ -156,14 +134,13 @@ void serve(const project::Project& project, const ServiceOptions& arguments) {
   require_journal_file(project);
   const project::ServeOptions& options = project.serve;
   const bool loopback = is_loopback(options.address);
-  ApiOptions api_options{loopback, read_token(project, "read_token", options.read_token),
-                         read_token(project, "ingest_token", options.ingest_token),
-                         arguments.strict_deadline};
-  if (!loopback && (api_options.read_token.empty() || api_options.ingest_token.empty()))
+  ApiOptions api_options{loopback, Tokens(project), arguments.strict_deadline};
+  if (!loopback && !(api_options.tokens.needed(false) && api_options.tokens.needed(true)))
     throw project.error_at(
         "serve.address",
         fmt::format(
-            "{} is not a loopback address: serve.read_token and serve.ingest_token must name token files",
+            "{} is not a loopback address: serve.read_token and serve.ingest_token, or serve.tokens, must "
+            "name token files",
             options.address));
   Metrics metrics;
   HttpServer* server = nullptr;

@@ -8,11 +8,6 @@
 
 namespace knothe::service {
 
-/// The first line of the token file that `[serve] key` names; empty where it names none. ProjectError where
-/// it is missing or too short to be a secret.
-[[nodiscard]] std::string read_token(const project::Project& project, const std::string& key,
-                                     const std::string& path);
-
 struct ServiceOptions {
   std::optional<int> port;  ///< overrides the project's
   std::string test;         ///< as of `Site`

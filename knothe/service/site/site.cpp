@@ -41,8 +41,8 @@ Site::Site(project::Project project, SiteSettings settings, Metrics& metrics)
       metrics_(metrics),
       journal_(
           project_, setup_, metrics_,
-          {[this](std::vector<Arrival> arrivals, std::int64_t records) {
-             arrive(std::move(arrivals), records);
+          {[this](std::vector<Arrival> arrivals, std::int64_t records, bool all_replayed) {
+             arrive(std::move(arrivals), records, all_replayed);
            },
            [this](const Measurement& measurement, const std::string& reason) { doubt(measurement, reason); },
            [this](const LogbookEntry& entry) { note_down(entry); }, settings_.changed}),
@@ -107,6 +107,11 @@ void Site::start() {
 }
 
 void Site::stop() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopping_ = true;
+  }
+  arrivals_taken_.notify_all();
   if (verifier_) verifier_->stop();
   journal_.stop();
   {
@@ -135,16 +140,17 @@ std::shared_ptr<const ServedModel> Site::model() const {
 
 // --- Journal → lines -------------------------------------------------------------------------------------
 
-/// From the journal's thread.
-void Site::arrive(std::vector<Arrival> arrivals, std::int64_t records) {
+/// From the journal's thread. Waits while many of the journal's past are to be added: memory is finite.
+void Site::arrive(std::vector<Arrival> arrivals, std::int64_t records, bool all_replayed) {
   {
-    const std::lock_guard lock(mutex_);
+    std::unique_lock lock(mutex_);
+    arrivals_taken_.wait(lock, [&] { return replayed_ || stopping_ || arrivals_.empty(); });
     for (Arrival& arrival : arrivals) {
       if (arrival.kind == Arrival::Kind::live) health_.accept(arrival.at);
       arrivals_.push_back(std::move(arrival));
     }
     records_ = records;
-    replayed_ = true;
+    replayed_ = replayed_ || all_replayed;
   }
   arrivals_there_.notify_one();
 }
@@ -198,9 +204,11 @@ void Site::update_loop() {
       at_hand_ = arrivals.size();
       finish = replayed_;
     }
+    arrivals_taken_.notify_all();
     pulse_->beat();
     apply_arrivals(arrivals);
     pulse_->beat();
+    if (!finish) continue;  // the newest step is still to come
     if (!arrivals.empty()) newest_is_shown_ = false;
     conclude_next();
     adopt_verification();
@@ -231,7 +239,7 @@ void Site::apply_arrivals(const std::vector<Arrival>& arrivals) {
     try {
       if (arrival.kind == Kind::withdrawn) withdraw(arrival.measurement);
       if (arrival.kind == Kind::replaced) (void)remove(arrival.measurement);
-      if (arrival.kind != Kind::withdrawn) add(arrival.measurement);
+      if (arrival.kind != Kind::withdrawn) add(arrival.measurement, arrival.kind == Kind::live);
       if (arrival.kind == Kind::past)
         judged_from_ = std::max<std::size_t>(judged_from_, arrival.measurement.step);
     } catch (const std::exception& error) {
@@ -254,7 +262,7 @@ void Site::apply_arrivals(const std::vector<Arrival>& arrivals) {
   }
 }
 
-void Site::add(const Measurement& measurement) {
+void Site::add(const Measurement& measurement, bool is_live) {
   if (measurement.step < 0 || measurement.step >= std::ssize(setup_.problem.model->time))
     throw DataError(fmt::format("step {} is not one of this model", measurement.step));
   const auto datum = std::make_shared<const likelihood::Datum>(measurement.datum());
@@ -262,8 +270,8 @@ void Site::add(const Measurement& measurement) {
   const auto start = monotonic_now();
   engine_->add(datum);
   if (verifier_) verifier_->note({datum, true});
-  adding_us_[datum->step] += 1e6 * seconds_since(start);
-  received_ms_[datum->step].insert(measurement.received_ms);
+  if (is_live) adding_us_[datum->step] += 1e6 * seconds_since(start);
+  received_.add(datum->step, measurement.received_ms);
 }
 
 void Site::withdraw(const Measurement& measurement) {
@@ -281,8 +289,7 @@ bool Site::remove(const Measurement& measurement) {
       verifier_->note(
           {std::make_shared<const likelihood::Datum>(likelihood::Datum{measurement.key, step, 0, {}, {}}),
            false});
-    auto& received = received_ms_.at(step);
-    received.erase(received.find(measurement.received_ms));
+    received_.remove(step, measurement.received_ms);
   }
   return engine_->data().count(step) == 0;
 }
@@ -375,7 +382,7 @@ std::shared_ptr<Line> Site::line_of(const assimilation::StepResult& step,
   metrics_.set("knothe_log_evidence", labels(), result.log_evidence);
   record["site"] = name();
   record["data"] = engine_->data().count(result.step);
-  record["received_at"] = 1e-3 * (*received_ms_.at(result.step).rbegin());
+  record["received_at"] = 1e-3 * received_.last(result.step);
   record["event"] = line->event = next_event_++;
   line->json = files::json_line(record);
   return line;

@@ -7,6 +7,7 @@
 #include "knothe/project/project_engine.hpp"
 #include "knothe/service/site/journal_writer.hpp"
 #include "knothe/service/site/line_store.hpp"
+#include "knothe/service/site/received_times.hpp"
 #include "knothe/service/site/site_alarms.hpp"
 #include "knothe/service/site/site_facts.hpp"
 #include "knothe/service/site/site_health.hpp"
@@ -72,12 +73,12 @@ class Site : public SiteFacts {
   [[nodiscard]] Form form_up_to(std::size_t step);
 
  private:
-  void arrive(std::vector<Arrival> arrivals, std::int64_t records);
+  void arrive(std::vector<Arrival> arrivals, std::int64_t records, bool all_replayed);
   void doubt(const Measurement& measurement, const std::string& reason);
   void note_down(const LogbookEntry& entry);
   void update_loop();
   void apply_arrivals(const std::vector<Arrival>& arrivals);
-  void add(const Measurement& measurement);
+  void add(const Measurement& measurement, bool is_live);
   void withdraw(const Measurement& measurement);
   bool remove(const Measurement& measurement);
   [[nodiscard]] double time_of(std::optional<std::int64_t> step) const;
@@ -105,7 +106,7 @@ class Site : public SiteFacts {
   mutable std::mutex engine_mutex_;
   std::vector<posterior::Prior> priors_;
   Eigen::VectorXd centre_;
-  std::map<std::size_t, std::multiset<std::int64_t>> received_ms_;  ///< when a step's data arrived, Unix time
+  ReceivedTimes received_;  ///< updating thread
   std::map<std::size_t, double>
       adding_us_;                 ///< updating thread; what the data of a step have cost since its line
   std::size_t judged_from_ = 0;   ///< the same; alarms of the steps before it were raised before the restart
@@ -120,10 +121,10 @@ class Site : public SiteFacts {
   /// Everything below; also held for every change of `lines_` and of the times of `health_`, so that a status
   /// is of one moment.
   mutable std::mutex mutex_;
-  std::condition_variable arrivals_there_;
+  std::condition_variable arrivals_there_, arrivals_taken_;
   std::deque<Arrival> arrivals_;
   std::size_t at_hand_ = 0;  ///< arrivals that the updating thread has taken and not added yet
-  bool replayed_ = false, ready_ = false, no_more_arrivals_ = false;
+  bool replayed_ = false, ready_ = false, stopping_ = false, no_more_arrivals_ = false;
   LineStore lines_;
   SiteHealth health_;
   std::int64_t records_ = 0;

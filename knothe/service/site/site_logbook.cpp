@@ -15,6 +15,7 @@ Json json_of(const LogbookEntry& entry) {
   if (entry.kind == EntryKind::acknowledgement) body["alarm"] = entry.subject;
   if (entry.kind == EntryKind::sensor_off || entry.kind == EntryKind::sensor_on)
     body["sensor"] = entry.subject;
+  if (entry.kind == EntryKind::released || entry.kind == EntryKind::withdrawn) body["record"] = entry.subject;
   if (const auto v = verification_of(entry)) {
     body["text"] = text_of(*v);
     body["version"] = v->version;

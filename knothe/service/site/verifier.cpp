@@ -21,9 +21,10 @@ constexpr std::size_t k_results_at_once = 64;  // what waits to be shown: memory
 
 std::unique_ptr<assimilation::Engine> engine_of(const ServedModel& model, const likelihood::DataSet& data) {
   auto engine = std::make_unique<assimilation::Engine>(model.engine_setup());
-  std::vector<DataChange> changes;
-  for (const likelihood::DatumPointer& datum : data.all()) changes.push_back({datum, true});
-  apply_changes(changes, *engine);
+  if (const auto last = data.last_step())
+    data.for_each(std::nullopt, *last, [&](const likelihood::DatumPointer& datum) {
+      apply_changes({{datum, true}}, *engine);
+    });
   return engine;
 }
 

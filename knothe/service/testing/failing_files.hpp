@@ -1,5 +1,6 @@
 #pragma once
-/// @file For tests: a file system under SQLite whose n-th write and all later ones fail, as on a full disk.
+/// @file For tests: a file system under SQLite whose n-th write and all later ones fail, as on a full disk,
+/// or whose n-th call of any kind does.
 #include <sqlite3.h>
 
 #include <cstring>
@@ -27,13 +28,15 @@ class FailingFiles {
   FailingFiles& operator=(const FailingFiles&) = delete;
 
   /// Write, sync or truncation number `n` from now on fails, and all after it; 0: none.
-  void fail_from(int n) { state() = {0, n, false}; }
+  void fail_from(int n) { state() = {0, n, false, false}; }
+  /// Call number `n` from now on fails, of whatever kind, and that alone.
+  void fail_once(int n) { state() = {0, n, true, false}; }
   [[nodiscard]] bool failed() const { return state().failed; }
 
  private:
   struct State {
     int count = 0, from = 0;
-    bool failed = false;
+    bool once = false, failed = false;
   };
   struct File {
     sqlite3_file head;
@@ -49,14 +52,17 @@ class FailingFiles {
   }
   static bool fails() {
     State& s = state();
-    const bool now = s.from > 0 && ++s.count >= s.from;
+    const bool now = s.from > 0 && ++s.count >= s.from && (!s.once || s.count == s.from);
     s.failed = s.failed || now;
     return now;
   }
+  /// Of a call that only fails where any may.
+  static bool reading_fails() { return state().once && fails(); }
   static sqlite3_file* real(sqlite3_file* file) { return reinterpret_cast<File*>(file)->real(); }
 
   static int open(sqlite3_vfs*, const char* name, sqlite3_file* file, int flags, int* out) {
     file->pMethods = nullptr;
+    if (reading_fails()) return SQLITE_CANTOPEN;
     const int code = base()->xOpen(base(), name, real(file), flags, out);
     if (code == SQLITE_OK) file->pMethods = methods();
     return code;
@@ -66,7 +72,7 @@ class FailingFiles {
         2,
         [](sqlite3_file* f) { return real(f)->pMethods->xClose(real(f)); },
         [](sqlite3_file* f, void* b, int n, sqlite3_int64 at) {
-          return real(f)->pMethods->xRead(real(f), b, n, at);
+          return reading_fails() ? SQLITE_IOERR_READ : real(f)->pMethods->xRead(real(f), b, n, at);
         },
         [](sqlite3_file* f, const void* b, int n, sqlite3_int64 at) {
           return fails() ? SQLITE_FULL : real(f)->pMethods->xWrite(real(f), b, n, at);
@@ -77,7 +83,9 @@ class FailingFiles {
         [](sqlite3_file* f, int how) {
           return fails() ? SQLITE_IOERR_FSYNC : real(f)->pMethods->xSync(real(f), how);
         },
-        [](sqlite3_file* f, sqlite3_int64* n) { return real(f)->pMethods->xFileSize(real(f), n); },
+        [](sqlite3_file* f, sqlite3_int64* n) {
+          return reading_fails() ? SQLITE_IOERR_FSTAT : real(f)->pMethods->xFileSize(real(f), n);
+        },
         [](sqlite3_file* f, int l) { return real(f)->pMethods->xLock(real(f), l); },
         [](sqlite3_file* f, int l) { return real(f)->pMethods->xUnlock(real(f), l); },
         [](sqlite3_file* f, int* l) { return real(f)->pMethods->xCheckReservedLock(real(f), l); },
@@ -85,7 +93,7 @@ class FailingFiles {
         [](sqlite3_file* f) { return real(f)->pMethods->xSectorSize(real(f)); },
         [](sqlite3_file* f) { return real(f)->pMethods->xDeviceCharacteristics(real(f)); },
         [](sqlite3_file* f, int p, int n, int e, void volatile** out) {
-          return real(f)->pMethods->xShmMap(real(f), p, n, e, out);
+          return reading_fails() ? SQLITE_IOERR_SHMMAP : real(f)->pMethods->xShmMap(real(f), p, n, e, out);
         },
         [](sqlite3_file* f, int o, int n, int flags) {
           return real(f)->pMethods->xShmLock(real(f), o, n, flags);
