@@ -95,8 +95,8 @@ std::string forecast_text(const assimilation::NamedForecast& named, const model:
 
 std::string action_text(const assimilation::Decision& decision) {
   if (decision.action != assimilation::Action::load) return std::string(to_text(decision.action));
-  return "load to " +
-         (decision.load ? given_text(*decision.load, decision.load_units) : "time " + plain(decision.time));
+  return "load to " + (decision.load ? given_text(*decision.load, decision.load_units)
+                                     : "time " + given_text(decision.time, decision.time_units));
 }
 
 }  // namespace knothe::record

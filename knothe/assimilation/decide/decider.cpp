@@ -324,7 +324,7 @@ void Decider::explain(std::size_t now, const std::vector<double>& risk, Decision
 
 void Decider::put_load(Decision& decision) const {
   decision.load = loading_.at(decision.time);
-  decision.load_units = loading_.units;
+  decision.load_units = loading_.units, decision.time_units = loading_.time_units;
 }
 
 }  // namespace knothe::assimilation

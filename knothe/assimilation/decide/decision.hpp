@@ -35,6 +35,7 @@ struct Decision {
   double time = 0;             ///< model time to load to; of the others the present one
   std::optional<double> load;  ///< what is imposed then, where the model knows
   std::string load_units;
+  std::string time_units;    ///< empty where the model states none
   double information = 0;    ///< expected of the next measurement, nats; 0 of `stop`
   std::vector<double> plan;  ///< model times of all measurements that are worth making now, increasing
   std::optional<double> failure_probability;  ///< that the specimen fails by `time`; absent: not known

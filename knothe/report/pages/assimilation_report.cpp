@@ -42,8 +42,10 @@ void add_result(Page& page, const record::Results& results) {
 
 /// What to do next, of a project that asks.
 void add_next(Page& page, const record::Results& results) {
-  if (const auto& decision = results.steps.back().decision)
+  if (auto decision = results.steps.back().decision) {
+    decision->time_units = results.time_units;
     page.next(record::action_text(*decision), decision->message);
+  }
 }
 
 /// Of the first screen: the specimen, what was measured, the load curve; then the numbers.
