@@ -77,7 +77,7 @@ struct Bench {
                             update.form_of(update.result().step),
                             false,
                             {}},
-                           examined);
+                           AssessedData(examined));
   }
 
   [[nodiscard]] std::optional<MisfitCause> cause() const {
