@@ -224,6 +224,9 @@ TEST(AssimilationReport, TheLastDecisionStandsBelowTheBannerAndAllOfThemInASecti
   EXPECT_EQ(decision.at("action"), "load");
   EXPECT_EQ(decision.at("time"), 0.1);
   EXPECT_FALSE(decision.contains("plan"));
+  results.time_units = "h";
+  html = assimilation_report(results, nullptr, "none");
+  EXPECT_NE(html.find("<b>Next: load to time 0.62 h</b>"), std::string::npos);
   // In the load's unit where the model knows it.
   results.steps.back().decision->load = 1.24e-4;
   results.steps.back().decision->load_units = "m";
