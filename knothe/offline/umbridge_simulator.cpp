@@ -55,7 +55,8 @@ model::Snapshots UmbridgeSimulator::solve(std::span<const double> parameters) {
   solution.axes = axes_;
   for (Index i = 0; i < std::ssize(axes_); ++i) solution.axes[i].nodes = {parameters[i]};
   solution.field = {"1", "quantities, each in its own unit"};
-  solution.time = source_.times, solution.time_units = source_.time_units;
+  solution.time = source_.times;
+  model::state_time_units(solution, source_.time_units);
   solution.values.assign(values.data(), values.data() + values.size());
   for (Index k = 0; k < std::ssize(source_.names); ++k)
     solution.quantities.push_back(

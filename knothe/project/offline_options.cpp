@@ -100,7 +100,8 @@ void add_reduction_options(Section<O>& s) {
         check([](double v) { return v <= 80; }, "the ligament is 80 mm high: at most 80 lengths"));
 }
 
-constexpr const char* k_time_units = "Unit of these times, such as `\"s\"`, for reports and axes.";
+constexpr const char* k_time_units =
+    "Unit of these times, for reports and axes; a known one is converted to s.";
 
 const Section<model::CommandOptions>& command_section() {
   using C = model::CommandOptions;

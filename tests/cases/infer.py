@@ -471,7 +471,7 @@ class Test(InferCase):
         self.assertEqual(line["samples_file"], "R/samples.nc")
         self.expect(0, "report", "R", "-o", "R.html")
         page = (self.folder / "R.html").read_text()
-        for text in ("Result: usable<", "Computation trusted: ", "Pull-back", "Pairwise", "Time per phase", "order", "<svg"):
+        for text in ("Result: usable<", "Computation trusted: ", "Pull-back", "Draws of the posterior, pair by pair", "Time per phase", "order", "<svg"):
             self.assertIn(text, page)
 
     def test_the_sentence_is_the_last_line(self):

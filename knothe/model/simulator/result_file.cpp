@@ -306,12 +306,19 @@ void settle_units(Snapshots& solution, const std::string& where) {
   }
 }
 
+void state_time_units(Snapshots& solution, const std::string& units) {
+  if (!solution.time_units.empty()) return;
+  const auto known = files::unit_of(units);
+  solution.time_units = known ? known->si : units;
+  for (double& time : solution.time) time *= known ? known->factor : 1;
+}
+
 Snapshots read_result(const ResultOptions& options, const std::string& folder) {
   const std::string path = (std::filesystem::path(folder) / options.field).string();
   if (!std::filesystem::exists(path))
     throw DataError(fmt::format("the run has ended well but left no {}", options.field));
   Snapshots solution = read_field(options, path);
-  if (solution.time_units.empty()) solution.time_units = options.time_units;
+  state_time_units(solution, options.time_units);
   if (!options.outputs.empty())
     add_outputs((std::filesystem::path(folder) / options.outputs).string(), solution);
   settle_units(solution, path);

@@ -26,6 +26,8 @@ struct ResultOptions {
 /// Puts quantities and outputs in known units (mm, kN, …) in SI. DataError for a name that no file can hold,
 /// beginning with `where`.
 void settle_units(Snapshots& solutions, const std::string& where);
+/// Their times are in `units`, unless they have a unit: in s from now on, where it is known.
+void state_time_units(Snapshots& solutions, const std::string& units);
 
 /// The solution that a run has left in `folder`, without axes, in SI where its units are known. In CSV a
 /// quantity's name may have its unit behind it ("force [kN]"). DataError names file and place.

@@ -31,8 +31,8 @@ TEST(ResultFile, DisplacementsOfASeriesAreConvertedToMetres) {
   files::write_pvd(std::vector<files::PvdEntry>{{3, "c.vtu"}, {1, "a.vtu"}, {2, "b.vtu"}},
                    folder.file("all.pvd"));
   const Snapshots solution = read_result({.field = "all.pvd", .time_units = "min"}, folder.file(""));
-  EXPECT_EQ(solution.time_units, "min");
-  EXPECT_THAT(solution.time, ElementsAre(1, 2, 3));
+  EXPECT_EQ(solution.time_units, "s");
+  EXPECT_THAT(solution.time, ElementsAre(60, 120, 180));
   EXPECT_THAT(solution.values,
               ElementsAre(3e-3, 0, 0, 6e-3, 0, 0, 4e-3, 0, 0, 8e-3, 0, 0, 5e-3, 0, 0, 1e-2, 0, 0));
 }
