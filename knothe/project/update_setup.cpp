@@ -219,7 +219,9 @@ UpdateSetup set_up(const Project& given, assimilation::Features features, bool l
   assimilation::Problem problem{
       std::move(data.observed),       data.measurements.noise,        std::move(priors),
       update_options(project.method), robust_options(project.method), std::nullopt};
-  return {with_known_fixed(project, whole, data.known.bottomRows(1)),
+  Eigen::RowVectorXd last(data.known.cols());
+  if (last.size() > 0) last = data.known.row(data.known.rows() - 1);
+  return {with_known_fixed(project, whole, last),
           std::move(data.measurements),
           std::move(problem),
           std::move(data.time_indices),
