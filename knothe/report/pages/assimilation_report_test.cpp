@@ -251,6 +251,8 @@ TEST(AssimilationReport, AParameterWithAUnitIsSaidInItThroughoutItsRow) {
   const auto cells = headline(results)[0].rows[0].cells;
   EXPECT_EQ(cells,
             (std::vector<std::string>{"E", "30.12 ± 0.20 GPa", "29.70 … 30.50 GPa", "30.5 GPa, 1.9 σ away"}));
+  p.truth = 60e9;  // as under data in a wrong unit
+  EXPECT_EQ(headline(results)[0].rows[0].cells.back(), "60 GPa, more than 100 σ away");
   // Multiples of a reference too; without a unit they stay multiples.
   p = {.name = "Y0", .reference = 216, .units = "J/m3"};
   last.mean[0] = 1.02, last.covariance(0, 0) = 4e-4, last.maximum_a_posteriori[0] = 1.03;

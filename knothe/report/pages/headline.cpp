@@ -54,7 +54,8 @@ TableRow parameter_row(const record::Results& results, std::size_t d) {
                 interval(scale * low, scale * high, std, precision) + unit}};
   if (p.truth) {
     const double distance = std > 0 ? std::abs(scale * (last.mean[d] - *p.truth)) / std : 0.0;
-    row.cells.push_back(fmt::format("{}{}, {:.1f} σ away", record::plain(scale * *p.truth), unit, distance));
+    const std::string far = distance > 100 ? "more than 100" : fmt::format("{:.1f}", distance);
+    row.cells.push_back(fmt::format("{}{}, {} σ away", record::plain(scale * *p.truth), unit, far));
   } else {
     row.cells.push_back(precision.number(scale * last.maximum_a_posteriori[d], std) + unit);
   }
