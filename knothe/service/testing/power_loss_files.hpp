@@ -1,8 +1,6 @@
 #pragma once
 /// @file For tests: a file system under SQLite that loses power. What was not synced is then on disk in part:
 /// any of the sectors written since, in whatever order, some of them torn.
-#include <sqlite3.h>
-
 #include <algorithm>
 #include <cstring>
 #include <filesystem>
@@ -14,28 +12,14 @@
 #include <utility>
 #include <vector>
 
+#include "knothe/service/testing/wrapped_files.hpp"
+
 namespace knothe::service {
 
 /// While it lives, SQLite's databases are opened through it. One at a time; paths must be short-lived.
-class PowerLossFiles {
+class PowerLossFiles : public WrappedFiles {
  public:
-  PowerLossFiles() {
-    state() = {};
-    base() = sqlite3_vfs_find(nullptr);
-    vfs_ = *base();
-    vfs_.zName = "power-loss";
-    vfs_.pNext = nullptr;
-    vfs_.szOsFile = static_cast<int>(sizeof(File)) + base()->szOsFile;
-    vfs_.xOpen = open;
-    vfs_.xDelete = remove;
-    sqlite3_vfs_register(&vfs_, 1);
-  }
-  ~PowerLossFiles() {
-    sqlite3_vfs_unregister(&vfs_);
-    sqlite3_vfs_register(base(), 1);
-  }
-  PowerLossFiles(const PowerLossFiles&) = delete;
-  PowerLossFiles& operator=(const PowerLossFiles&) = delete;
+  PowerLossFiles() : WrappedFiles("power-loss", open, remove) { state() = {}; }
 
   /// The power goes at write, sync or truncation number `n` from now on: it and all after it fail.
   void lose_power_at(int n) { state().count = 0, state().from = n, state().off = false; }
@@ -116,30 +100,21 @@ class PowerLossFiles {
     bool off = false;
     std::map<std::string, Disk> disks;
   };
-  struct File {
-    sqlite3_file head;
-    Disk* disk;  ///< null: a file that is no part of the database
-    sqlite3_file* real() { return reinterpret_cast<sqlite3_file*>(this + 1); }
-  };
   static State& state() {
     static State k_state;
     return k_state;
-  }
-  static sqlite3_vfs*& base() {
-    static sqlite3_vfs* k_base = nullptr;
-    return k_base;
   }
   static bool fails() {
     State& s = state();
     s.off = s.off || (s.from > 0 && ++s.count >= s.from);
     return s.off;
   }
-  static Disk* disk(sqlite3_file* file) { return reinterpret_cast<File*>(file)->disk; }
-  static sqlite3_file* real(sqlite3_file* file) { return reinterpret_cast<File*>(file)->real(); }
+  /// Null: a file that is no part of the database.
+  static Disk* disk(sqlite3_file* file) { return static_cast<Disk*>(own(file)); }
 
   static int open(sqlite3_vfs*, const char* name, sqlite3_file* file, int flags, int* out) {
     file->pMethods = nullptr;
-    reinterpret_cast<File*>(file)->disk = nullptr;
+    own(file) = nullptr;
     const bool there = name != nullptr && std::filesystem::exists(name);
     const int code = base()->xOpen(base(), name, real(file), flags, out);
     if (code != SQLITE_OK) return code;
@@ -152,7 +127,7 @@ class PowerLossFiles {
       it->second.synced.assign(std::istreambuf_iterator<char>(content), {});
       it->second.exists = true;
     }
-    reinterpret_cast<File*>(file)->disk = &it->second;
+    own(file) = &it->second;
     return code;
   }
   static int remove(sqlite3_vfs*, const char* name, int synced) {
@@ -161,49 +136,28 @@ class PowerLossFiles {
     return base()->xDelete(base(), name, synced);
   }
   static const sqlite3_io_methods* methods() {
-    static const sqlite3_io_methods k_methods = {
-        2,
-        [](sqlite3_file* f) { return real(f)->pMethods->xClose(real(f)); },
-        [](sqlite3_file* f, void* b, int n, sqlite3_int64 at) {
-          return real(f)->pMethods->xRead(real(f), b, n, at);
-        },
-        [](sqlite3_file* f, const void* b, int n, sqlite3_int64 at) {
-          if (disk(f) != nullptr && !state().off)  // the one at which the power goes may be there too
-            disk(f)->pending.push_back(
-                {static_cast<std::size_t>(at), {static_cast<const char*>(b), static_cast<std::size_t>(n)}});
-          return fails() ? SQLITE_IOERR_WRITE : real(f)->pMethods->xWrite(real(f), b, n, at);
-        },
-        [](sqlite3_file* f, sqlite3_int64 n) {
-          if (disk(f) != nullptr && !state().off)
-            disk(f)->pending.push_back({static_cast<std::size_t>(n), "", true});
-          return fails() ? SQLITE_IOERR_TRUNCATE : real(f)->pMethods->xTruncate(real(f), n);
-        },
-        [](sqlite3_file* f, int) {
-          if (fails()) return SQLITE_IOERR_FSYNC;
-          if (disk(f) != nullptr) disk(f)->sync();
-          return SQLITE_OK;  // no real power is lost
-        },
-        [](sqlite3_file* f, sqlite3_int64* n) { return real(f)->pMethods->xFileSize(real(f), n); },
-        [](sqlite3_file* f, int l) { return real(f)->pMethods->xLock(real(f), l); },
-        [](sqlite3_file* f, int l) { return real(f)->pMethods->xUnlock(real(f), l); },
-        [](sqlite3_file* f, int* l) { return real(f)->pMethods->xCheckReservedLock(real(f), l); },
-        [](sqlite3_file* f, int op, void* a) { return real(f)->pMethods->xFileControl(real(f), op, a); },
-        [](sqlite3_file* f) { return real(f)->pMethods->xSectorSize(real(f)); },
-        [](sqlite3_file* f) { return real(f)->pMethods->xDeviceCharacteristics(real(f)); },
-        [](sqlite3_file* f, int p, int n, int e, void volatile** out) {
-          return real(f)->pMethods->xShmMap(real(f), p, n, e, out);
-        },
-        [](sqlite3_file* f, int o, int n, int flags) {
-          return real(f)->pMethods->xShmLock(real(f), o, n, flags);
-        },
-        [](sqlite3_file* f) { real(f)->pMethods->xShmBarrier(real(f)); },
-        [](sqlite3_file* f, int d) { return real(f)->pMethods->xShmUnmap(real(f), d); },
-        nullptr,
-        nullptr};
+    static const sqlite3_io_methods k_methods = [] {
+      sqlite3_io_methods m = passed_on();
+      m.xWrite = [](sqlite3_file* f, const void* b, int n, sqlite3_int64 at) {
+        if (disk(f) != nullptr && !state().off)  // the one at which the power goes may be there too
+          disk(f)->pending.push_back(
+              {static_cast<std::size_t>(at), {static_cast<const char*>(b), static_cast<std::size_t>(n)}});
+        return fails() ? SQLITE_IOERR_WRITE : real(f)->pMethods->xWrite(real(f), b, n, at);
+      };
+      m.xTruncate = [](sqlite3_file* f, sqlite3_int64 n) {
+        if (disk(f) != nullptr && !state().off)
+          disk(f)->pending.push_back({static_cast<std::size_t>(n), "", true});
+        return fails() ? SQLITE_IOERR_TRUNCATE : real(f)->pMethods->xTruncate(real(f), n);
+      };
+      m.xSync = [](sqlite3_file* f, int) {
+        if (fails()) return SQLITE_IOERR_FSYNC;
+        if (disk(f) != nullptr) disk(f)->sync();
+        return SQLITE_OK;  // no real power is lost
+      };
+      return m;
+    }();
     return &k_methods;
   }
-
-  sqlite3_vfs vfs_{};
 };
 
 }  // namespace knothe::service
